@@ -1,0 +1,132 @@
+// Fixed-capacity storage: an arena over the caller's block, and vectors that never grow past their capacity.
+//
+// Everything the core keeps lives in one block of memory that the caller hands over. An Arena cuts it up once, at
+// start; afterwards nothing is allocated. Constructed without a block, an Arena only measures: System::required_bytes()
+// runs the same construction code and reads used(). Not thread-safe.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <new>
+#include <span>
+#include <type_traits>
+
+#include "base/status.h"
+
+namespace pptam {
+
+class Arena {
+ public:
+  Arena() = default;  // measures only: allocate() returns null
+  explicit Arena(std::span<std::byte> block) : block_(block), measuring_(false) {}
+
+  // Uninitialised bytes, aligned to 16; null when measuring or when the block is too small (overflowed() tells).
+  void* allocate(size_t bytes) {
+    used_ = (used_ + kAlignment - 1) / kAlignment * kAlignment;
+    const size_t start = used_;
+    used_ += bytes;
+    if (measuring_ || used_ > block_.size()) return nullptr;
+    return block_.data() + start;
+  }
+  template <class T>
+  T* allocate_array(size_t count) {
+    static_assert(alignof(T) <= kAlignment && std::is_trivially_destructible_v<T>);
+    T* array = static_cast<T*>(allocate(count * sizeof(T)));
+    if (array)
+      for (size_t i = 0; i < count; ++i) new (array + i) T();
+    return array;
+  }
+  size_t used() const { return used_; }
+  bool measuring() const { return measuring_; }
+  bool overflowed() const { return !measuring_ && used_ > block_.size(); }
+
+  static constexpr size_t kAlignment = 16;
+
+ private:
+  std::span<std::byte> block_;
+  size_t used_ = 0;
+  bool measuring_ = true;
+};
+
+// A vector whose storage came from an arena. push_back on a full one returns false and changes nothing.
+template <class T>
+class FixedVector {
+ public:
+  FixedVector() = default;
+  FixedVector(Arena& arena, int capacity) : data_(arena.allocate_array<T>(capacity)), capacity_(data_ ? capacity : 0) {}
+
+  bool push_back(const T& value) {
+    if (size_ == capacity_) return false;
+    data_[size_++] = value;
+    return true;
+  }
+  void clear() { size_ = 0; }
+  void resize(int size) {
+    PPTAM_ASSERT(size >= 0 && size <= capacity_);
+    size_ = size;
+  }
+  int size() const { return size_; }
+  int capacity() const { return capacity_; }
+  bool empty() const { return size_ == 0; }
+  bool full() const { return size_ == capacity_; }
+  T* data() { return data_; }
+  const T* data() const { return data_; }
+  T& operator[](int i) {
+    PPTAM_ASSERT(i >= 0 && i < size_);
+    return data_[i];
+  }
+  const T& operator[](int i) const {
+    PPTAM_ASSERT(i >= 0 && i < size_);
+    return data_[i];
+  }
+  T* begin() { return data_; }
+  T* end() { return data_ + size_; }
+  const T* begin() const { return data_; }
+  const T* end() const { return data_ + size_; }
+  T& back() { return (*this)[size_ - 1]; }
+  operator std::span<T>() { return {data_, static_cast<size_t>(size_)}; }
+  operator std::span<const T>() const { return {data_, static_cast<size_t>(size_)}; }
+
+ private:
+  T* data_ = nullptr;
+  int size_ = 0;
+  int capacity_ = 0;
+};
+
+// The same with its storage inside.
+template <class T, int N>
+class InlineVector {
+ public:
+  bool push_back(const T& value) {
+    if (size_ == N) return false;
+    data_[size_++] = value;
+    return true;
+  }
+  void clear() { size_ = 0; }
+  void erase_at(int i) {  // keeps the order
+    PPTAM_ASSERT(i >= 0 && i < size_);
+    for (int k = i; k + 1 < size_; ++k) data_[k] = data_[k + 1];
+    --size_;
+  }
+  int size() const { return size_; }
+  bool full() const { return size_ == N; }
+  static constexpr int capacity() { return N; }
+  T& operator[](int i) {
+    PPTAM_ASSERT(i >= 0 && i < size_);
+    return data_[i];
+  }
+  const T& operator[](int i) const {
+    PPTAM_ASSERT(i >= 0 && i < size_);
+    return data_[i];
+  }
+  T* begin() { return data_; }
+  T* end() { return data_ + size_; }
+  const T* begin() const { return data_; }
+  const T* end() const { return data_ + size_; }
+
+ private:
+  T data_[N] = {};
+  int size_ = 0;
+};
+
+}  // namespace pptam

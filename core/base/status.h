@@ -1,0 +1,57 @@
+// How the core reports a caller's mistake, and how it stops on one of its own.
+//
+// Three kinds of trouble are kept apart: our own bug (PPTAM_ASSERT), the caller's mistake (Status, state unchanged),
+// and the world's difficulty (ordinary output, see TrackResult). Nothing here allocates; messages are string literals.
+#pragma once
+
+#include <cstdint>
+#include <utility>
+
+namespace pptam {
+
+enum class StatusCode : uint8_t {
+  kOk,
+  kInvalidArgument,   // a null image, a wrong size or stride, an absurd calibration
+  kOutOfMemory,       // the caller's memory block is smaller than required_bytes()
+  kTimeWentBackwards  // a frame's timestamp is not later than the one before
+};
+
+// Success, or a code and a message that says what was wrong and what to do.
+class [[nodiscard]] Status {
+ public:
+  constexpr Status() = default;
+  constexpr Status(StatusCode code, const char* message) : code_(code), message_(message) {}
+  constexpr bool ok() const { return code_ == StatusCode::kOk; }
+  constexpr StatusCode code() const { return code_; }
+  constexpr const char* message() const { return message_; }
+
+ private:
+  StatusCode code_ = StatusCode::kOk;
+  const char* message_ = "";
+};
+
+using AssertHandler = void (*)(const char* expression, const char* file, int line);
+
+namespace detail {
+inline void default_assert_handler(const char*, const char*, int) {
+  __builtin_trap();
+}
+inline AssertHandler& assert_handler() {
+  static AssertHandler handler = default_assert_handler;
+  return handler;
+}
+}  // namespace detail
+
+// Replaces what a failed PPTAM_ASSERT calls (default: trap). The only process-wide setting of the core.
+inline void set_assert_handler(AssertHandler handler) {
+  detail::assert_handler() = handler;
+}
+
+}  // namespace pptam
+
+#ifdef PPTAM_ENABLE_ASSERT
+#define PPTAM_ASSERT(expression) \
+  ((expression) ? (void)0 : ::pptam::detail::assert_handler()(#expression, __FILE__, __LINE__))
+#else
+#define PPTAM_ASSERT(expression) ((void)sizeof(!(expression)))
+#endif

@@ -1,0 +1,82 @@
+// What each stage charges for its work, and the phone profile that turns charges into time.
+//
+// A stage adds in one line how many units it did (pixels converted, candidates compared, ...). The profile states the
+// executed ARMv6 instructions that one unit costs; instructions x cycles per instruction / clock is time. With the work
+// clock a whole run is therefore a pure function of its input.
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+namespace pptam {
+
+enum class Work : uint8_t {
+  kGreyPixel,         // one pixel converted to grey
+  kPyramidPixel,      // one output pixel of a pyramid level
+  kCornerPixel,       // one pixel scored and non-maximum suppressed in L2
+  kCornerAscent,      // one 3x3 step of the ascent in L1 or L0
+  kRotationPixel,     // one pixel in one iteration of full-frame rotation
+  kPointProjected,    // one map point projected and tested for visibility
+  kPatchWarp,         // one 8x8 template warped
+  kPatchCandidate,    // one candidate position compared by zero-mean SSD
+  kPatchRefineStep,   // one iteration of sub-pixel refinement
+  kPosePoint,         // one point in one iteration of the pose update
+  kHomographyPoint,   // one point in one iteration of the homography update
+  kKeyframePixel,     // one pixel copied into a keyframe
+  kBundleProjection,  // one measurement projected and differentiated
+  kBundleBlock,       // one 6x6 camera-camera outer product
+  kBundleSolve,       // one multiply-add of the reduced camera system's factorisation
+  kOther,             // one instruction
+  kCount
+};
+constexpr int kWorkKinds = static_cast<int>(Work::kCount);
+
+struct PhoneProfile {
+  float clock_mhz = 412.0f;             // ARM1176 of the 2009 phone
+  float cycles_per_instruction = 1.5f;  // until measured
+  // ARMv6 instructions per unit. Grey, pyramid, corner and patch figures were counted under emulation; the others are
+  // estimates from counting operations in the source, until measured.
+  std::array<float, kWorkKinds> instructions = {
+      9.1f,  // kGreyPixel
+      8.8f,  // kPyramidPixel
+      62,    // kCornerPixel
+      2340,  // kCornerAscent
+      60,    // kRotationPixel
+      150,   // kPointProjected
+      5200,  // kPatchWarp
+      375,   // kPatchCandidate
+      6000,  // kPatchRefineStep
+      700,   // kPosePoint
+      500,   // kHomographyPoint
+      1,     // kKeyframePixel
+      600,   // kBundleProjection
+      350,   // kBundleBlock
+      4,     // kBundleSolve
+      1,     // kOther
+  };
+};
+
+class WorkMeter {
+ public:
+  explicit WorkMeter(const PhoneProfile& profile = {}) : profile_(profile) {}
+  void charge(Work kind, int64_t units) { units_[static_cast<int>(kind)] += units; }
+  // ARMv6 instructions charged so far, by the profile; summed in the order of the kinds.
+  int64_t instructions() const {
+    double sum = 0;
+    for (int i = 0; i < kWorkKinds; ++i) sum += static_cast<double>(units_[i]) * profile_.instructions[i];
+    return static_cast<int64_t>(sum);
+  }
+  int64_t modelled_ns() const {
+    return static_cast<int64_t>(static_cast<double>(instructions()) * profile_.cycles_per_instruction * 1e3 /
+                                profile_.clock_mhz);
+  }
+  int64_t units(Work kind) const { return units_[static_cast<int>(kind)]; }
+  const PhoneProfile& profile() const { return profile_; }
+  void set_profile(const PhoneProfile& profile) { profile_ = profile; }
+
+ private:
+  PhoneProfile profile_;
+  std::array<int64_t, kWorkKinds> units_ = {};
+};
+
+}  // namespace pptam

@@ -1,0 +1,59 @@
+// Homographies of a plane between two views: estimation, decomposition, and how well they constrain the plane.
+//
+// Convention: plane n_1 . p_1 = d in the first camera's frame (n_1 unit, d > 0, towards the plane: n_1.z > 0 for a
+// visible one), T_21 = (R, t) takes first-camera to second-camera coordinates. Normalised image points: x_2 ~ H x_1
+// with
+//   H = R + (t / d) n_1^T.
+// [phone 5.1], decomposition by Faugeras and Lustman 1988.
+#pragma once
+
+#include <span>
+
+#include "geometry/se3.h"
+
+namespace pptam {
+
+// One measured correspondence, normalised image coordinates (x/z, y/z).
+struct Correspondence {
+  Vector2f x1 = Vector2f::Zero();
+  Vector2f x2 = Vector2f::Zero();
+};
+
+// Applies H to a normalised point. The third homogeneous coordinate must be positive (see homography_depth).
+Vector2f apply_homography(const Matrix3f& H, const Vector2f& x);
+inline float homography_depth(const Matrix3f& H, const Vector2f& x) {
+  return H(2, 0) * x.x() + H(2, 1) * x.y() + H(2, 2);
+}
+// d(H x)/d(x), 2x2, at normalised point x.
+Matrix2f homography_point_jacobian(const Matrix3f& H, const Vector2f& x);
+// d(exp(e) H x)/d(e) at e = 0, 2x8, where y = apply_homography(H, x) (generators as in sl3_exp).
+Eigen::Matrix<float, 2, 8> homography_sl3_jacobian(const Vector2f& y);
+
+struct PlaneMotion {
+  SE3 T_21;                          // translation in units of the plane's distance: t / d
+  Vector3f n_1 = Vector3f::UnitZ();  // plane n_1 . p_1 = 1 in those units
+};
+
+struct Decomposition {
+  int count = 0;                  // 0, 1 or 2 solutions left after the visibility test
+  PlaneMotion solutions[2];       // ordered by a total order that does not depend on rounding: larger n_1.z first
+  float singular_values[3] = {};  // descending, scaled so that the middle one is 1
+  // d1 and d3 equal within rotation_tolerance: one solution, the nearest rotation with t = 0; its n_1 means nothing.
+  bool pure_rotation = false;
+};
+
+// Decomposes H (any scale and sign). points: first-view points used for visibility: the plane must lie in front of both
+// cameras at every one (n_1 . x_1 > 0); without any, n_1.z >= 0 instead. rotation_tolerance: d1/d3 - 1 below which H is
+// called a pure rotation. count is 0 when H is not finite, singular, or not a view of the plane's one side.
+Decomposition decompose_homography(const Matrix3f& H, std::span<const Vector2f> points, float rotation_tolerance);
+
+struct DecompositionQuality {
+  float eigenvalue_ratio = 0;  // min/max eigenvalue of the 8x8 information matrix [phone 5.1]
+  float sigma_n_rad = 3.14f;   // standard deviation of the plane's normal, worst direction, radians
+};
+
+// Information of the 8 parameters (rotation, translation t/d, normal) from the points' projections into the second
+// view, each with isotropic noise sigma (normalised units).
+DecompositionQuality decomposition_quality(const PlaneMotion& motion, std::span<const Vector2f> points, float sigma);
+
+}  // namespace pptam

@@ -1,0 +1,66 @@
+// One 8x8 patch: warp it from its source image, find it near a prediction, refine it below a pixel [ptam 5.3, phone 4].
+//
+// The patch's reference point is the middle of the 8x8 pixels, at template coordinate (3.5, 3.5). A hit at the integer
+// top-left pixel (x, y) therefore puts the point at (x + 3.5, y + 3.5). A one-pixel frame round the 8x8 is kept, for
+// the template's gradients at its edge.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+
+#include "image/image.h"
+
+namespace pptam {
+
+constexpr int kPatchSize = 8;
+constexpr int kPatchFramed = kPatchSize + 2;
+constexpr float kPatchCentre = 3.5f;
+constexpr float kMaxSearchRadius = 32.0f;  // pixels; larger ones are cut to it: it bounds buffers on the stack
+
+struct PatchTemplate {
+  uint8_t px[kPatchFramed * kPatchFramed] = {};  // row major; the 8x8 starts at (1, 1)
+  int32_t sum = 0;                               // over the 8x8
+  int32_t sum_sq = 0;
+  // Bilinear sampling a fraction f past a pixel adds f (1 - f) / 2 times the second difference: a blur. Its mean over
+  // the patch, f (1 - f) in 1/65536 along template columns and rows, for the refinement to allow for.
+  int32_t x_blur = 0;
+  int32_t y_blur = 0;
+  // Zero-mean energy, sum_sq - sum^2 / 64, grey^2: below about 64 x 2^2 there is nothing to match but noise.
+  int32_t energy() const { return sum_sq - ((sum * sum) >> 6); }
+};
+
+// Samples the template from source, bilinearly in fixed point:
+//   source position = centre + J_src_tpl * ((i, j) - (3.5, 3.5)),  i, j = -1..8 (column, row of the framed template)
+// centre in source pixels, J_src_tpl in source pixels per template pixel. False, with out unchanged, if any sample
+// falls outside the source image.
+bool warp_patch(const GreyView& source, const Eigen::Vector2f& centre, const Eigen::Matrix2f& J_src_tpl,
+                PatchTemplate* out);
+
+struct PatchHit {
+  int x = 0;  // top-left pixel of the best 8x8
+  int y = 0;
+  int32_t zmssd = 0;   // zero-mean sum of squared differences over 64 pixels, grey^2
+  int candidates = 0;  // positions compared: what the work meter charges
+};
+
+// Compares every integer position whose reference point lies within radius pixels of predicted (image pixels) and whose
+// 8x8 lies inside the image. True if the best has zmssd <= max_zmssd; hit->candidates is set either way. Ties: the
+// first in row-major order. S_II - S_I^2/64 + S_TT - S_T^2/64 - 2 (S_IT - S_I S_T / 64), S_I and S_II by sliding sums.
+bool search_patch(const GreyView& image, const PatchTemplate& patch, const Eigen::Vector2f& predicted, float radius,
+                  int32_t max_zmssd, PatchHit* hit);
+
+struct RefinedPatch {
+  Eigen::Vector2f position = Eigen::Vector2f::Zero();  // of the reference point, image pixels
+  float residual = 0;                                  // rms difference after removing the mean, grey levels
+  // 2x2 information of the position for unit grey noise, sum of J J^T with the mean offset eliminated, grey^2 / px^2.
+  Eigen::Matrix2f information = Eigen::Matrix2f::Zero();
+  int steps = 0;  // iterations made: what the work meter charges
+};
+
+// 2-DOF ESM translation with a mean offset, J = (grad T + grad I)/2, from the integer hit. Converges at 0.03 px (at
+// most max_steps, after which the position reached is returned). False when it drifts more than 1.5 px from the hit,
+// leaves the image, or the system is singular.
+bool refine_patch(const GreyView& image, const PatchTemplate& patch, const Eigen::Vector2f& start, int max_steps,
+                  RefinedPatch* refined);
+
+}  // namespace pptam

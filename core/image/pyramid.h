@@ -1,0 +1,33 @@
+// The five-level image pyramid, 240x320 down to 15x20 [phone 3.1].
+#pragma once
+
+#include "base/containers.h"
+#include "image/image.h"
+
+namespace pptam {
+
+constexpr int kPyramidLevels = 5;
+
+// Level 0 may point into the camera's own buffer; levels 1 to 4 are owned by whoever made the pyramid.
+struct Pyramid {
+  GreyView level[kPyramidLevels];
+};
+
+// Storage for levels first_level..4 of a width x height image, tightly packed, in one allocation.
+struct PyramidStorage {
+  GreyImage level[kPyramidLevels];
+  PyramidStorage() = default;
+  PyramidStorage(Arena& arena, int width, int height, int first_level);
+};
+
+// dst(x, y) = (a + b + c + d + 2) >> 2 over the 2x2 block at (2x, 2y); rounding half up. dst is floor(w/2) x
+// floor(h/2): an odd last row or column of src is ignored.
+void half_sample(const GreyView& src, const GreyImage& dst);
+
+// Fills storage levels 1..4 from level0 and returns views of all five. Level 0 is not copied.
+Pyramid build_pyramid(const GreyView& level0, const PyramidStorage& storage);
+
+// Copies a whole pyramid (level 0 included) into storage made with first_level = 0.
+Pyramid copy_pyramid(const Pyramid& source, const PyramidStorage& storage);
+
+}  // namespace pptam

@@ -1,0 +1,131 @@
+// The map: keyframes, map points with their measurements, partial points, and the queue through which the tracker hands
+// over new keyframes. Tracking and mapping meet here and nowhere else.
+//
+// Frames: T_kw takes world to keyframe. Pixels are level 0. Everything has a fixed capacity from Config; entries are
+// addressed by index, which stays valid until the entry is removed (points) or for ever (keyframes). Between two slices
+// of mapping the map is consistent: every measurement's keyframe exists, every point has at least two measurements.
+#pragma once
+
+#include <cstdint>
+
+#include "base/containers.h"
+#include "geometry/camera_model.h"
+#include "geometry/se3.h"
+#include "image/pyramid.h"
+#include "pocket_ptam.h"
+
+namespace pptam {
+
+// Where a point was found in a keyframe.
+struct Measurement {
+  Vector2f px = Vector2f::Zero();  // level-0 pixels, as measured (rolling shutter not corrected)
+  float sigma = 1;                 // expected standard deviation, level-0 pixels: 2^level
+  int16_t keyframe = -1;           // index into Map::keyframes
+};
+
+// [phone 3.2]: at most 8 measurements of a point are kept; one place more, for the newcomer that culling judges.
+constexpr int kMaxMeasurements = 8;
+
+struct PatchSource {
+  int16_t keyframe = -1;
+  Vector2f px = Vector2f::Zero();        // level-0 pixels in that keyframe
+  Vector3f normal = -Vector3f::UnitZ();  // of the patch's plane, in the keyframe's frame, unit, towards the camera
+};
+
+struct MapPoint {
+  uint32_t id = 0;  // never reused; 0: empty slot
+  Vector3f p_w = Vector3f::Zero();
+  PatchSource source;
+  InlineVector<Measurement, kMaxMeasurements + 1> measurements;
+  uint16_t attempts = 0;  // searches by the tracker, halved together with `found` when large
+  uint16_t found = 0;     // of these, inliers of the pose
+};
+
+// A corner of one keyframe whose depth is not known yet [phone 5.2]: p_k = (x, y, 1) / q.
+struct PartialPoint {
+  uint32_t id = 0;  // 0: empty slot
+  PatchSource source;
+  Vector3f ray = Vector3f::UnitZ();  // (x, y, 1): the unprojected source pixel
+  float inverse_depth = 1;           // q, world units^-1
+  float information = 0;             // lambda = 1 / sigma^2 of q; 0: unknown
+  uint16_t attempts = 0;
+  uint16_t found = 0;
+};
+
+// A small blurred image for relocalisation and full-frame rotation: level 4 with a 3x3 binomial blur.
+using SmallImage = GreyImage;
+
+struct Keyframe {
+  uint32_t id = 0;
+  int64_t timestamp_ns = 0;
+  SE3 T_kw;
+  Vector6f velocity = Vector6f::Zero();  // T_kw(t + dt) = exp(dt * velocity) T_kw: world units/s and radians/s
+  float mean_depth = 1;                  // of the points that the tracker measured
+  PyramidStorage storage;
+  Pyramid pyramid;
+  SmallImage small;
+};
+
+// A tracked frame on its way to becoming a keyframe.
+struct KeyframeMeasurement {
+  int32_t point = -1;     // index into Map::points
+  uint32_t point_id = 0;  // checked on insertion: the point may have gone meanwhile
+  Vector2f px = Vector2f::Zero();
+  float sigma = 1;
+};
+struct KeyframeCandidate {
+  Keyframe frame;
+  FixedVector<KeyframeMeasurement> measurements;
+};
+
+// x -> scale * (R x + t): a change of world coordinates.
+struct Similarity {
+  SE3 T;
+  float scale = 1;
+  Vector3f operator*(const Vector3f& p) const { return scale * (T * p); }
+};
+
+struct Map {
+  Map() = default;
+  Map(Arena& arena, const Config& config);
+
+  FixedVector<Keyframe> keyframes;
+  FixedVector<MapPoint> points;  // slots; empty ones have id 0
+  FixedVector<PartialPoint> partial_points;
+  FixedVector<KeyframeCandidate> queue;  // size is the capacity; the first `queued` are waiting, oldest first
+  int queued = 0;
+  uint32_t next_id = 1;
+  bool ready = false;       // initial bundle adjustment and alignment are done: poses may be shown
+  uint32_t limits_hit = 0;  // LimitBits since the last reset
+  uint32_t epoch = 0;       // counts clear(): tells the mapper that what it was doing has no object any more
+  // The mapper may change the world's coordinates once, after initialisation. The tracker applies `transform` to its
+  // own state when it sees a new `transform_count`.
+  uint32_t transform_count = 0;
+  Similarity transform;
+
+  bool exists() const { return keyframes.size() > 0; }
+  int point_count() const;
+  // Index of a free slot that now belongs to a point with a fresh id, or -1 when full.
+  int add_point();
+  int add_partial_point();
+  void remove_point(int index) { points[index] = MapPoint(); }
+  // Moves the candidate's images and state into a new keyframe; its index, or -1 when full. The candidate gets the
+  // keyframe's old storage in exchange.
+  int add_keyframe(KeyframeCandidate& candidate);
+  void pop_queue();
+  void clear();  // keeps storage; ids go on
+  // Applies S to all positions and poses; velocities' translation and depths scale along.
+  void apply(const Similarity& S);
+  uint64_t hash() const;  // FNV-1a over poses, positions and measurements in index order
+};
+
+// Takes out the measurement that tells least about the point, m_j = |V| - |V - V_j| [phone 3.2], when there are more
+// than kMaxMeasurements. The first (source) measurement always stays.
+void cull_measurements(const Map& map, const CameraModel& camera, MapPoint& point);
+
+// The pixel at which a global shutter would have seen the point: px - J * velocity * dt [phone 6]. p_c: the point in
+// the camera's frame at the frame's timestamp.
+Vector2f global_shutter_px(const CameraModel& camera, const RollingShutter& shutter, const Vector6f& velocity,
+                           const Vector3f& p_c, const Vector2f& px);
+
+}  // namespace pptam

@@ -1,0 +1,375 @@
+#include "mapping/mapper.h"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+
+#include "geometry/robust.h"
+#include "geometry/two_view.h"
+#include "tracking/patch_search.h"
+
+namespace pptam {
+
+namespace {
+
+constexpr size_t kFrameBytes = 24 * 1024;  // nested jobs' frames: run > insert_keyframe > ..., run > bundle > ...
+constexpr int kBundleIterations = 12;
+constexpr int kInitialIterations = 30;
+constexpr int kMinInitialPoints = 15;
+constexpr float kMaxInitialSigma = 1.0f;  // 2 px: a right map fits to under 1 px
+constexpr int kFullFromKeyframes = 8;     // below, local and full adjustment are nearly the same problem
+constexpr float kMinCornerDistance_px = 10.0f;
+constexpr float kMaxPromotionError_px = 4.0f;
+constexpr float kMinParallax_rad = 0.015f;
+constexpr float kMaxRelativeDepthSigma = 0.15f;
+constexpr float kMeasurementNoise_px = 0.8f;  // sub-pixel noise and what the rolling shutter's correction leaves
+constexpr float kImageBorder_px = 12.0f;
+constexpr float kMinReliability = 0.3f;
+constexpr int kMinAttempts = 20;
+constexpr int kPlaneTrials = 100;
+
+}  // namespace
+
+Mapper::Mapper(Arena& arena, const Config& config, Map& map, WorkMeter& meter)
+    : Background(arena, kFrameBytes, meter),
+      config_(config),
+      map_(map),
+      bundle_(arena, config, map, meter, *this),
+      corner_scratch_(arena, config.camera.width, config.camera.height),
+      corners_(arena, 200),
+      occupied_(arena, config.max_map_points + config.max_partial_points) {}
+
+bool Mapper::has_work() const {
+  if (!map_.exists()) return false;
+  return epoch_ != map_.epoch || !resting_ || map_.queued > 0 || !map_.ready;
+}
+
+void Mapper::work_slice() {
+  if (!has_work()) return;
+  if (epoch_ != map_.epoch) {
+    // The map that the paused job worked on is gone.
+    epoch_ = map_.epoch;
+    abandon();
+    task_ = Task();
+    local_pending_ = full_pending_ = false;
+    newest_ = -1;
+    task_ = run();
+    resting_ = false;
+    task_.start();
+    return;
+  }
+  resting_ = false;
+  resume();
+}
+
+Task Mapper::run() {
+  for (;;) {
+    if (map_.exists() && !map_.ready) {
+      co_await finish_initial_map();
+    } else if (map_.queued > 0) {
+      co_await insert_keyframe();
+    } else if (local_pending_) {
+      local_pending_ = false;
+      co_await bundle_.run(newest_, kBundleIterations);
+    } else if (full_pending_) {
+      full_pending_ = false;
+      co_await bundle_.run(-1, kBundleIterations);
+      if (!bundle_.result().converged) full_pending_ = true;
+      if (bundle_.result().converged) co_await discard_unreliable_points();
+    } else {
+      resting_ = true;
+      co_await rest();
+    }
+  }
+}
+
+Task Mapper::finish_initial_map() {
+  for (int round = 0; round < 2; ++round) {  // again without the outliers of the first
+    co_await bundle_.run(-1, kInitialIterations);
+  }
+  if (bundle_.result().sigma > kMaxInitialSigma || map_.point_count() < kMinInitialPoints ||
+      !align_to_dominant_plane()) {
+    map_.clear();
+    resting_ = true;
+    co_await rest();  // the next slice starts afresh: the epoch has changed
+    co_return;
+  }
+  map_.ready = true;
+  newest_ = map_.keyframes.size() - 1;
+  co_await add_partial_points(newest_);
+}
+
+// Dominant plane to z = 0 with z towards the camera, origin where the first keyframe's axis meets it, x along the first
+// camera's x; the first two keyframes config.initial_baseline apart [ptam 6.1].
+bool Mapper::align_to_dominant_plane() {
+  const SE3 T_1w = map_.keyframes[0].T_kw;
+  const float depth = map_.keyframes[0].mean_depth;
+  const float threshold = 0.02f * depth;
+  int indices[512];
+  int count = 0;
+  for (int i = 0; i < map_.points.size() && count < 512; ++i)
+    if (map_.points[i].id != 0) indices[count++] = i;
+  const auto p_1 = [&](int i) -> Vector3f { return T_1w * map_.points[indices[i]].p_w; };
+  // Three points at a time, by a fixed sequence: the same plane on every run and target.
+  uint32_t state = 12345;
+  const auto next = [&state](int n) {
+    state = state * 1664525u + 1013904223u;
+    return static_cast<int>((state >> 8) % static_cast<uint32_t>(n));
+  };
+  Vector3f normal = Vector3f::UnitZ();
+  float offset = depth, best_cost = 1e30f;
+  for (int trial = 0; trial < kPlaneTrials; ++trial) {
+    const int i = next(count);
+    const int j = next(count);
+    const int k = next(count);
+    const Vector3f cross = (p_1(j) - p_1(i)).cross(p_1(k) - p_1(i));
+    if (!(cross.norm() > 1e-3f * depth * depth)) continue;
+    const Vector3f n = cross.normalized();
+    const float d = n.dot(p_1(i));
+    float cost = 0;
+    for (int m = 0; m < count; ++m) cost += std::min(std::abs(n.dot(p_1(m)) - d), threshold);
+    if (cost < best_cost) {
+      best_cost = cost;
+      normal = n;
+      offset = d;
+    }
+  }
+  meter_.charge(Work::kOther, static_cast<int64_t>(kPlaneTrials) * count * 20);
+  if (best_cost > 1e29f) return false;
+  // Least squares over the inliers.
+  for (int round = 0; round < 3; ++round) {
+    Vector3f mean = Vector3f::Zero();
+    int inliers = 0;
+    for (int m = 0; m < count; ++m) {
+      if (std::abs(normal.dot(p_1(m)) - offset) > threshold) continue;
+      mean += p_1(m);
+      ++inliers;
+    }
+    if (inliers < 6) return false;
+    mean /= static_cast<float>(inliers);
+    Matrix3f scatter = Matrix3f::Zero();
+    for (int m = 0; m < count; ++m) {
+      const Vector3f p = p_1(m);
+      if (std::abs(normal.dot(p) - offset) > threshold) continue;
+      scatter += (p - mean) * (p - mean).transpose();
+    }
+    const Eigen::SelfAdjointEigenSolver<Matrix3f> solver(scatter);
+    if (solver.info() != Eigen::Success) return false;
+    normal = solver.eigenvectors().col(0);
+    offset = normal.dot(mean);
+  }
+  if (offset < 0) {
+    normal = -normal;
+    offset = -offset;
+  }
+  // Up is from the plane to the camera, which sits at the origin of its own frame.
+  const Vector3f z = -normal;
+  if (!(normal.z() > 0.05f)) return false;  // the axis does not meet it
+  const Vector3f origin = Vector3f::UnitZ() * (offset / normal.z());
+  const Vector3f x = (Vector3f::UnitX() - z * z.x()).normalized();
+  const Vector3f y = z.cross(x);
+  Matrix3f R;  // first camera to world
+  R.row(0) = x.transpose();
+  R.row(1) = y.transpose();
+  R.row(2) = z.transpose();
+  const float baseline = (map_.keyframes[1].T_kw.centre() - map_.keyframes[0].T_kw.centre()).norm();
+  if (!(baseline > 1e-6f) || !R.allFinite()) return false;
+  Similarity S;
+  S.T = SE3(R, -(R * origin)) * T_1w;
+  S.scale = config_.initial_baseline / baseline;
+  map_.apply(S);
+  // Patches on the plane get its normal; it is known much better now than from the homography.
+  for (int m = 0; m < count; ++m) {
+    MapPoint& point = map_.points[indices[m]];
+    if (std::abs(point.p_w.z()) < threshold * S.scale)
+      point.source.normal = map_.keyframes[point.source.keyframe].T_kw.R.col(2);
+  }
+  return true;
+}
+
+bool Mapper::predict_in_keyframe(int keyframe, const Vector3f& p_w, Vector2f* px, SE3* T_line) const {
+  const Keyframe& k = map_.keyframes[keyframe];
+  *T_line = k.T_kw;
+  if (!config_.camera.project(k.T_kw * p_w, px)) return false;
+  if (config_.shutter.line_time_s != 0) {
+    for (int pass = 0; pass < 2; ++pass) {
+      *T_line = SE3::exp(k.velocity * config_.shutter.dt_s(*px, config_.camera.width, config_.camera.height)) * k.T_kw;
+      if (!config_.camera.project(*T_line * p_w, px)) return false;
+    }
+  }
+  return config_.camera.in_image(*px, kImageBorder_px);
+}
+
+Task Mapper::insert_keyframe() {
+  KeyframeCandidate& candidate = map_.queue[0];
+  const int keyframe = map_.add_keyframe(candidate);
+  if (keyframe < 0) {
+    map_.pop_queue();
+    co_return;
+  }
+  for (const KeyframeMeasurement& m : candidate.measurements) {
+    MapPoint& point = map_.points[m.point];
+    if (point.id != m.point_id) continue;
+    point.measurements.push_back({m.px, m.sigma, static_cast<int16_t>(keyframe)});
+    cull_measurements(map_, config_.camera, point);
+  }
+  meter_.charge(Work::kBundleProjection, candidate.measurements.size());
+  map_.pop_queue();
+  newest_ = keyframe;
+  co_await measure_remaining_points(keyframe);
+  co_await promote_partial_points(keyframe);
+  co_await add_partial_points(keyframe);
+  local_pending_ = map_.keyframes.size() >= kFullFromKeyframes;
+  full_pending_ = true;
+}
+
+// The tracker measures 50 points of a frame; the others that should be visible are searched now.
+Task Mapper::measure_remaining_points(int keyframe) {
+  SearchOptions options;
+  options.radius_px = 3;
+  options.max_relative_zmssd = 0.3f;
+  for (int i = 0; i < map_.points.size(); ++i) {
+    MapPoint& point = map_.points[i];
+    if (point.id == 0) continue;
+    bool measured = false;
+    for (const Measurement& m : point.measurements) measured |= m.keyframe == keyframe;
+    if (measured) continue;
+    Vector2f px;
+    SE3 T_line;
+    meter_.charge(Work::kPointProjected, 1);
+    if (!predict_in_keyframe(keyframe, point.p_w, &px, &T_line)) continue;
+    FoundPatch found;
+    if (find_point(map_, config_.camera, point.source, point.p_w, T_line, map_.keyframes[keyframe].pyramid, px, options,
+                   meter_, &found) == SearchOutcome::kFound) {
+      point.measurements.push_back({found.px, found.sigma, static_cast<int16_t>(keyframe)});
+      cull_measurements(map_, config_.camera, point);
+    }
+    co_await slice();
+  }
+}
+
+// Partial points that the new keyframe sees are triangulated from their original keyframe and become map points; what
+// the filter knew was good for finding them only [phone 5.2].
+Task Mapper::promote_partial_points(int keyframe) {
+  for (PartialPoint& partial : map_.partial_points) {
+    if (partial.id == 0 || partial.source.keyframe == keyframe) continue;
+    co_await slice();
+    if (partial.id == 0) continue;  // the tracker may have dropped it meanwhile
+    const Keyframe& source = map_.keyframes[partial.source.keyframe];
+    const Keyframe& target = map_.keyframes[keyframe];
+    const SE3 T_ws = source.T_kw.inverse();
+    Vector3f p_w = T_ws * Vector3f(partial.ray / partial.inverse_depth);
+    Vector2f px;
+    SE3 T_line;
+    if (!predict_in_keyframe(keyframe, p_w, &px, &T_line)) continue;
+    // Along the epipolar line as far as two sigma of the depth reach, from either side.
+    const float sigma_q = partial.information > 0 ? 1.0f / std::sqrt(partial.information) : partial.inverse_depth;
+    Vector2f px_moved;
+    SE3 T_unused;
+    SearchOptions options;
+    options.radius_px = 4;
+    if (predict_in_keyframe(keyframe, T_ws * Vector3f(partial.ray / (partial.inverse_depth + sigma_q)), &px_moved,
+                            &T_unused))
+      options.radius_px = std::clamp(2.0f + (px_moved - px).norm(), 3.0f, 8.0f);
+    FoundPatch found;
+    const SearchOutcome outcome =
+        find_point(map_, config_.camera, partial.source, p_w, T_line, target.pyramid, px, options, meter_, &found);
+    if (outcome == SearchOutcome::kNotVisible) continue;
+    ++partial.attempts;
+    if (outcome == SearchOutcome::kNotFound) continue;
+    ++partial.found;
+    const Vector2f px_source =
+        global_shutter_px(config_.camera, config_.shutter, source.velocity, source.T_kw * p_w, partial.source.px);
+    const Vector2f px_target =
+        global_shutter_px(config_.camera, config_.shutter, target.velocity, target.T_kw * p_w, found.px);
+    const SE3 T_ts = target.T_kw * T_ws;
+    Triangulated triangulated;
+    if (!triangulate(T_ts, config_.camera.unproject(px_source), config_.camera.unproject(px_target), kMinParallax_rad,
+                     &triangulated))
+      continue;
+    const float relative_sigma =
+        triangulated.sigma_inverse_depth * triangulated.p_1.z() * kMeasurementNoise_px / config_.camera.fx;
+    if (!(relative_sigma < kMaxRelativeDepthSigma)) continue;
+    Vector2f check_source, check_target;
+    if (!config_.camera.project(triangulated.p_1, &check_source) ||
+        !config_.camera.project(T_ts * triangulated.p_1, &check_target) ||
+        (check_source - px_source).norm() > kMaxPromotionError_px ||
+        (check_target - px_target).norm() > kMaxPromotionError_px) {
+      ++partial.attempts;  // off the epipolar line: another patch
+      continue;
+    }
+    const int index = map_.add_point();
+    if (index < 0) co_return;
+    MapPoint& point = map_.points[index];
+    point.p_w = T_ws * triangulated.p_1;
+    point.source = partial.source;
+    point.measurements.push_back({partial.source.px, 2.0f, partial.source.keyframe});
+    point.measurements.push_back({found.px, found.sigma, static_cast<int16_t>(keyframe)});
+    partial = PartialPoint();
+  }
+}
+
+// Up to max_new_partial_points corners of the keyframe, far enough from what is there [phone 5.2].
+Task Mapper::add_partial_points(int keyframe) {
+  const Keyframe& frame = map_.keyframes[keyframe];
+  occupied_.clear();
+  for (const MapPoint& point : map_.points) {
+    if (point.id == 0) continue;
+    Vector2f px;
+    SE3 T_line;
+    if (predict_in_keyframe(keyframe, point.p_w, &px, &T_line)) occupied_.push_back(px);
+  }
+  meter_.charge(Work::kPointProjected, map_.points.size());
+  co_await slice();
+  for (const PartialPoint& partial : map_.partial_points) {
+    if (partial.id == 0) continue;
+    const SE3 T_ws = map_.keyframes[partial.source.keyframe].T_kw.inverse();
+    Vector2f px;
+    SE3 T_line;
+    if (predict_in_keyframe(keyframe, T_ws * Vector3f(partial.ray / partial.inverse_depth), &px, &T_line))
+      occupied_.push_back(px);
+  }
+  co_await slice();
+  corners_.resize(corners_.capacity());
+  CornerStats stats;
+  const int count = detect_corners(frame.pyramid, CornerParams(), corner_scratch_, corners_, &stats);
+  meter_.charge(Work::kCornerPixel, static_cast<int64_t>(frame.pyramid.level[2].width) * frame.pyramid.level[2].height);
+  meter_.charge(Work::kCornerAscent, stats.ascent_steps);
+  co_await slice();
+  int added = 0;
+  for (int i = 0; i < count && added < config_.max_new_partial_points; ++i) {
+    const Vector2f px(static_cast<float>(corners_[i].x), static_cast<float>(corners_[i].y));
+    bool free = true;
+    for (const Vector2f& other : occupied_)
+      free = free && (other - px).squaredNorm() > kMinCornerDistance_px * kMinCornerDistance_px;
+    meter_.charge(Work::kOther, 6LL * occupied_.size());
+    if (!free) continue;
+    const int index = map_.add_partial_point();
+    if (index < 0) co_return;
+    PartialPoint& partial = map_.partial_points[index];
+    const Vector2f ray = config_.camera.unproject(px);
+    partial.ray = {ray.x(), ray.y(), 1.0f};
+    partial.source.keyframe = static_cast<int16_t>(keyframe);
+    partial.source.px = px;
+    partial.source.normal = -partial.ray.normalized();
+    partial.inverse_depth = 1.0f / frame.mean_depth;
+    partial.information = 0;
+    occupied_.push_back(px);
+    ++added;
+    co_await slice();
+  }
+}
+
+// Points that the tracker expects to see and does not find.
+Task Mapper::discard_unreliable_points() {
+  for (int i = 0; i < map_.points.size(); ++i) {
+    const MapPoint& point = map_.points[i];
+    if (point.id != 0 && point.attempts >= kMinAttempts &&
+        static_cast<float>(point.found) < kMinReliability * static_cast<float>(point.attempts))
+      map_.remove_point(i);
+  }
+  meter_.charge(Work::kOther, 10LL * map_.points.size());
+  co_await slice();
+}
+
+}  // namespace pptam

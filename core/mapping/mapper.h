@@ -1,0 +1,47 @@
+// The map maker: what happens in idle time [ptam 6, phone 3, 5.2].
+//
+//   a new map is bundle adjusted and laid on its dominant plane;
+//   a new keyframe is inserted: measurements taken over, remaining visible points searched, partial points promoted,
+//   new corners become partial points; then bundle adjustment, local and full; then bad points go.
+#pragma once
+
+#include "image/corners.h"
+#include "map/map.h"
+#include "mapping/bundle_adjustment.h"
+#include "scheduler/task.h"
+
+namespace pptam {
+
+class Mapper : public Background {
+ public:
+  Mapper(Arena& arena, const Config& config, Map& map, WorkMeter& meter);
+
+  bool has_work() const;
+  void work_slice();
+
+ private:
+  Task run();
+  Task finish_initial_map();
+  Task insert_keyframe();
+  Task measure_remaining_points(int keyframe);
+  Task promote_partial_points(int keyframe);
+  Task add_partial_points(int keyframe);
+  Task discard_unreliable_points();
+  bool align_to_dominant_plane();
+  // Where the point appears in the keyframe, rolling shutter included.
+  bool predict_in_keyframe(int keyframe, const Vector3f& p_w, Vector2f* px, SE3* T_line) const;
+
+  const Config& config_;
+  Map& map_;
+  BundleAdjuster bundle_;
+  CornerScratch corner_scratch_;
+  FixedVector<Corner> corners_;
+  FixedVector<Vector2f> occupied_;  // level-0 pixels of a keyframe that already have a point
+  Task task_;
+  bool resting_ = true;  // the job has nothing left to do
+  bool local_pending_ = false, full_pending_ = false;
+  int newest_ = -1;
+  uint32_t epoch_ = 0;
+};
+
+}  // namespace pptam

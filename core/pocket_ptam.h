@@ -1,0 +1,185 @@
+// Pocket PTAM: camera tracking and mapping for one small core. The whole public API.
+//
+//   pptam::Config config = pptam::Config::phone(camera_model);
+//   std::vector<std::byte> memory(pptam::System::required_bytes(config));
+//   pptam::System* system = nullptr;
+//   pptam::Status status = pptam::System::create(config, memory, &system);   // check it
+//   system->tap();                                                           // start at the next frame
+//   for (every frame) {
+//     pptam::TrackResult r = system->track(frame);                           // high priority, bounded time
+//     while (there is time before the next frame && system->has_work()) system->work_slice();
+//   }
+//
+// One thread. No heap, no exceptions, no operating system; everything lives in the caller's block. The world's unit is
+// arbitrary (monocular): the distance between the first two keyframes is Config::initial_baseline. The world's z = 0 is
+// the dominant plane of the first view, z up towards the camera. Poses are T_cw (world to camera), camera x right,
+// y down, z forward, at the frame's timestamp (mid-exposure of the image centre).
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+
+#include "base/status.h"
+#include "base/work_meter.h"
+#include "geometry/camera_model.h"
+#include "geometry/se3.h"
+#include "image/image.h"
+#include "scheduler/clock.h"
+
+namespace pptam {
+
+// Everything that can be set, passed once. Capacities bound memory and time; a full one shows in
+// TrackResult::limits_hit.
+struct Config {
+  CameraModel camera;       // prepare() is called by System::create
+  RollingShutter shutter;   // line_time_s = 0: global shutter
+  float exposure_s = 0.0f;  // 0: unknown; used to predict motion blur
+
+  int max_keyframes = 35;     // [phone 3.3]
+  int max_map_points = 1000;  // 35 keyframes with 25 new points each, and the first view's
+  int max_partial_points = 100;
+  int max_measured_points = 50;     // per frame [phone 4]
+  int max_partial_searches = 12;    // per frame [phone 7]
+  int max_new_partial_points = 25;  // per keyframe [phone 5.2]
+  int max_initial_points = 100;     // tracked by the homography
+
+  float initial_baseline = 0.1f;  // world units between the first two keyframes [ptam 6.1]
+  float min_keyframe_interval_s = 0.2f;
+
+  PhoneProfile profile;  // turns charged work into time (the work clock)
+
+  // The 2009 phone's capacities for a camera of any size from 64x64 to 4096x4096.
+  static Config phone(const CameraModel& camera);
+  Status validate() const;
+};
+
+enum class TrackingState : uint8_t {
+  kWaiting,       // no map: tap() starts initialisation
+  kInitialising,  // the first view is tracked; move sideways
+  kTracking,      // pose is valid
+  kLost           // there is a map, but the pose is not known; the relocaliser tries at every frame
+};
+
+enum class TrackingQuality : uint8_t { kBad, kPoor, kGood };
+
+enum class Hint : uint8_t {
+  kNone,
+  kTap,           // tap to start
+  kMoveSideways,  // initialising: translate, keep the first view visible
+  kOnlyRotating,  // initialising: rotation alone cannot give depth
+  kTooLittleTexture,
+  kTooFast,
+  kStartLost,  // the first view was lost: back to the start
+  kReturnToKnownView
+};
+
+// Bits of TrackResult::limits_hit; each names the Config field to raise.
+enum LimitBits : uint32_t {
+  kLimitKeyframes = 1u << 0,      // max_keyframes: the map is full, no new keyframe is made
+  kLimitMapPoints = 1u << 1,      // max_map_points
+  kLimitPartialPoints = 1u << 2,  // max_partial_points
+  kLimitMeasuredPoints = 1u << 3  // max_measured_points: more points were visible than measured (usual)
+};
+
+enum class Stage : uint8_t {  // parts of a tracked frame, for TrackResult::stage_ns
+  kPyramid,                   // grey conversion and pyramid
+  kRotation,                  // full-frame rotation
+  kSearch,                    // prediction, visibility, warp, search, refinement
+  kPose,                      // pose update
+  kPartial,                   // partial points
+  kInitialise,                // initialiser or relocaliser
+  kKeyframe,                  // copying a new keyframe into the queue
+  kCount
+};
+constexpr int kStages = static_cast<int>(Stage::kCount);
+
+enum class ObservedKind : uint8_t {
+  kInlier,   // map point measured and used
+  kOutlier,  // measured, zero weight
+  kMissed,   // searched and not found; px is the prediction
+  kPartial,  // partial point measured
+  kInitial   // initialisation: point of the first view found in this frame
+};
+struct ObservedPoint {
+  Vector2f px = Vector2f::Zero();  // level-0 pixels
+  Vector2f predicted_px = Vector2f::Zero();
+  uint32_t point_id = 0;  // map point id (0 for initialisation points)
+  ObservedKind kind = ObservedKind::kMissed;
+  uint8_t level = 1;  // pyramid level searched
+};
+
+struct TrackResult {
+  Status status;  // not ok: the frame was refused and nothing changed
+  int64_t timestamp_ns = 0;
+  TrackingState state = TrackingState::kWaiting;
+  TrackingQuality quality = TrackingQuality::kBad;
+  Hint hint = Hint::kNone;
+  float progress = 0;       // of initialisation, 0 to 1
+  uint32_t limits_hit = 0;  // LimitBits
+  bool pose_valid = false;  // T_cw and covariance mean something; never true in a state other than kTracking
+  bool blurred = false;     // predicted motion blur made the search fall back to L2
+  bool keyframe_added = false;
+  SE3 T_cw;
+  Matrix6f covariance = Matrix6f::Zero();  // of mu in T_cw <- exp(mu) T_cw, world units and radians
+  int points_attempted = 0;                // map points searched
+  int points_found = 0;
+  int points_inliers = 0;
+  int partial_attempted = 0;
+  int partial_found = 0;
+  int keyframes = 0;  // in the map
+  int map_points = 0;
+  std::span<const ObservedPoint> points;  // valid until the next call of track()
+  int64_t stage_ns[kStages] = {};         // by the clock given to set_clock(); zero without one
+};
+
+struct KeyframeInfo {
+  uint32_t id = 0;
+  int64_t timestamp_ns = 0;
+  SE3 T_cw;
+};
+struct MapPointInfo {
+  uint32_t id = 0;
+  Vector3f p_w = Vector3f::Zero();
+  Vector3f normal_w = Vector3f::Zero();
+  int measurements = 0;
+  uint8_t grey = 0;  // of its source pixel, for pictures
+};
+
+class System {
+ public:
+  // Bytes of memory that create() needs for this configuration.
+  static size_t required_bytes(const Config& config);
+  // Builds the system inside memory (16-byte aligned, at least required_bytes), which must outlive it. *system is set
+  // only on success; there is nothing to destroy.
+  static Status create(const Config& config, std::span<std::byte> memory, System** system);
+
+  // For stage times and for the slices' length; may be null. The clock must outlive the system or be replaced.
+  void set_clock(const Clock* clock);
+
+  // Tracks one frame to completion. Refuses (result.status) incomplete frames, another size than the camera's, and
+  // timestamps that do not increase.
+  TrackResult track(const Frame& frame);
+
+  bool has_work() const;  // is there anything for idle time?
+  void work_slice();      // one slice of mapping, at most about 0.25 million ARMv6 instructions
+
+  // Starts initialisation with the next frame. With a map, or initialising already: forgets it and starts again.
+  void tap();
+  void reset();  // forgets everything, waits for a tap
+
+  // Copies up to out.size() entries in the order of their ids; returns how many there are in all.
+  int keyframes(std::span<KeyframeInfo> out) const;
+  int map_points(std::span<MapPointInfo> out) const;
+
+  const Config& config() const;
+  const WorkMeter& work_meter() const;
+  uint64_t map_hash() const;  // of poses, points and measurements: equal maps on every target have equal hashes
+
+ private:
+  struct Impl;
+  explicit System(Impl* impl) : impl_(impl) {}
+  Impl* impl_;
+};
+
+}  // namespace pptam

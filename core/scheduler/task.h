@@ -1,0 +1,145 @@
+// Background work as coroutines that run in slices of idle time, on one thread, without the heap.
+//
+// A job is a member coroutine of a class derived from Background. It reads like straight code and says
+// `co_await slice()` wherever it may pause; the pause is taken once the slice's instructions, by the work meter, are
+// used up. Because the meter decides and not a timer, a job gives the same result however the idle time is cut. Jobs
+// may `co_await` other jobs of the same class; their frames lie on a stack (FrameStack) in the map-maker's arena.
+//
+//   Task Mapper::run() {
+//     for (;;) {
+//       if (map_.queued > 0) co_await insert_keyframe();
+//       co_await slice();
+//     }
+//   }
+#pragma once
+
+#include <coroutine>
+#include <cstddef>
+#include <utility>
+
+#include "base/containers.h"
+#include "base/work_meter.h"
+
+namespace pptam {
+
+// Coroutine frames, last in first out.
+class FrameStack {
+ public:
+  FrameStack() = default;
+  FrameStack(Arena& arena, size_t bytes) : memory_(static_cast<std::byte*>(arena.allocate(bytes))), size_(bytes) {}
+  void* push(size_t bytes);
+  void pop(void* frame);
+
+ private:
+  std::byte* memory_ = nullptr;
+  size_t size_ = 0;
+  size_t used_ = 0;
+};
+
+// About 1 ms of the 412 MHz phone.
+constexpr int64_t kSliceInstructions = 250'000;
+
+class Background {
+ public:
+  Background(Arena& arena, size_t frame_bytes, WorkMeter& meter) : meter_(meter), frames_(arena, frame_bytes) {}
+  Background(const Background&) = delete;
+  Background& operator=(const Background&) = delete;
+
+  FrameStack& frames() { return frames_; }
+
+  // Resumes the paused job for one slice.
+  void resume() {
+    slice_start_ = meter_.instructions();
+    const std::coroutine_handle<> paused = std::exchange(paused_, nullptr);
+    if (paused) paused.resume();
+  }
+
+  struct Slice {
+    Background& self;
+    bool always;
+    bool await_ready() const { return !always && self.meter_.instructions() - self.slice_start_ < kMaxSlice; }
+    void await_suspend(std::coroutine_handle<> handle) const { self.paused_ = handle; }
+    void await_resume() const {}
+  };
+  // Pauses if this slice is used up.
+  Slice slice() { return {*this, false}; }
+  // Pauses in any case: there is nothing more to do now.
+  Slice rest() { return {*this, true}; }
+
+ protected:
+  // Forgets the paused job; its Task must be destroyed or replaced.
+  void abandon() { paused_ = nullptr; }
+
+  WorkMeter& meter_;
+
+ private:
+  // The pause is taken at the first slice() past this point; what runs between two slice() calls stays under the rest.
+  static constexpr int64_t kMaxSlice = kSliceInstructions / 2;
+  FrameStack frames_;
+  std::coroutine_handle<> paused_ = nullptr;
+  int64_t slice_start_ = 0;
+};
+
+class [[nodiscard]] Task {
+ public:
+  struct promise_type {
+    std::coroutine_handle<> parent = nullptr;
+
+    // The first argument of a member coroutine is its object.
+    template <class Self, class... Args>
+    static void* operator new(size_t bytes, Self& self, Args&&...) {
+      const size_t header = Arena::kAlignment;
+      auto* memory = static_cast<std::byte*>(self.frames().push(bytes + header));
+      *reinterpret_cast<FrameStack**>(memory) = &self.frames();
+      return memory + header;
+    }
+    static void operator delete(void* frame, size_t) {
+      std::byte* memory = static_cast<std::byte*>(frame) - Arena::kAlignment;
+      (*reinterpret_cast<FrameStack**>(memory))->pop(memory);
+    }
+
+    Task get_return_object() { return Task(std::coroutine_handle<promise_type>::from_promise(*this)); }
+    std::suspend_always initial_suspend() noexcept { return {}; }
+    struct Final {
+      bool await_ready() noexcept { return false; }
+      std::coroutine_handle<> await_suspend(std::coroutine_handle<promise_type> handle) noexcept {
+        return handle.promise().parent ? handle.promise().parent : std::noop_coroutine();
+      }
+      void await_resume() noexcept {}
+    };
+    Final final_suspend() noexcept { return {}; }
+    void return_void() {}
+    void unhandled_exception() { __builtin_trap(); }
+  };
+
+  Task() = default;
+  Task(Task&& other) noexcept : handle_(std::exchange(other.handle_, nullptr)) {}
+  Task& operator=(Task&& other) noexcept {
+    if (this != &other) {
+      destroy();
+      handle_ = std::exchange(other.handle_, nullptr);
+    }
+    return *this;
+  }
+  ~Task() { destroy(); }
+
+  // Runs until the first pause.
+  void start() { handle_.resume(); }
+
+  bool await_ready() const { return false; }
+  std::coroutine_handle<> await_suspend(std::coroutine_handle<> parent) {
+    handle_.promise().parent = parent;
+    return handle_;
+  }
+  void await_resume() const {}
+
+ private:
+  explicit Task(std::coroutine_handle<promise_type> handle) : handle_(handle) {}
+  void destroy() {
+    if (handle_) handle_.destroy();
+    handle_ = nullptr;
+  }
+  std::coroutine_handle<promise_type> handle_ = nullptr;
+};
+
+}  // namespace pptam

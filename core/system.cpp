@@ -1,0 +1,162 @@
+// Wires tracking, mapping and the map together inside the caller's block of memory.
+#include <new>
+
+#include "image/grey.h"
+#include "mapping/mapper.h"
+#include "pocket_ptam.h"
+#include "tracking/tracker.h"
+
+namespace pptam {
+
+struct System::Impl {
+  Impl(Arena& arena, const Config& configuration)
+      : config(configuration),
+        meter(config.profile),
+        map(arena, config),
+        tracker(arena, config, map, meter),
+        mapper(arena, config, map, meter) {}
+
+  Config config;
+  WorkMeter meter;
+  Map map;
+  Tracker tracker;
+  Mapper mapper;
+  const Clock* clock = nullptr;
+  int64_t last_timestamp_ns = INT64_MIN;
+};
+
+Config Config::phone(const CameraModel& camera) {
+  Config config;
+  config.camera = camera;
+  return config;
+}
+
+Status Config::validate() const {
+  const Status status = camera.validate();
+  if (!status.ok()) return status;
+  if (camera.width < 64 || camera.height < 64 || camera.width > 4096 || camera.height > 4096)
+    return {StatusCode::kInvalidArgument, "Config::camera: width and height must be within 64 to 4096 pixels"};
+  const float readout_s =
+      shutter.line_time_s *
+      static_cast<float>(shutter.axis == RollingShutter::Axis::kRows ? camera.height : camera.width);
+  if (!(readout_s >= -1.0f && readout_s <= 1.0f))
+    return {StatusCode::kInvalidArgument, "Config::shutter: the readout must be under 1 s; line_time_s is per line"};
+  if (!(exposure_s >= 0 && exposure_s <= 1.0f))
+    return {StatusCode::kInvalidArgument, "Config::exposure_s must be within 0 to 1 s"};
+  if (max_keyframes < 3 || max_keyframes > 1000)
+    return {StatusCode::kInvalidArgument, "Config::max_keyframes must be within 3 to 1000"};
+  if (max_map_points < 100 || max_map_points > 30000)
+    return {StatusCode::kInvalidArgument, "Config::max_map_points must be within 100 to 30000"};
+  if (max_partial_points < 1 || max_partial_points > 30000)
+    return {StatusCode::kInvalidArgument, "Config::max_partial_points must be within 1 to 30000"};
+  if (max_measured_points < 16 || max_measured_points > 250)
+    return {StatusCode::kInvalidArgument, "Config::max_measured_points must be within 16 to 250"};
+  if (max_partial_searches < 0 || max_partial_searches > 1000 || max_new_partial_points < 0)
+    return {StatusCode::kInvalidArgument, "Config: the partial points' limits must be within 0 to 1000"};
+  if (max_initial_points < 30 || max_initial_points > 250)
+    return {StatusCode::kInvalidArgument, "Config::max_initial_points must be within 30 to 250"};
+  if (!(initial_baseline > 1e-3f && initial_baseline < 1e3f))
+    return {StatusCode::kInvalidArgument, "Config::initial_baseline must be within 0.001 to 1000"};
+  if (!(min_keyframe_interval_s >= 0 && min_keyframe_interval_s < 3600))
+    return {StatusCode::kInvalidArgument, "Config::min_keyframe_interval_s must be within 0 to 3600 s"};
+  if (!(profile.clock_mhz > 0) || !(profile.cycles_per_instruction > 0))
+    return {StatusCode::kInvalidArgument, "Config::profile: clock and cycles per instruction must be positive"};
+  return {};
+}
+
+size_t System::required_bytes(const Config& config) {
+  if (!config.validate().ok()) return 0;
+  Arena arena;  // measures only
+  arena.allocate(sizeof(System));
+  arena.allocate(sizeof(Impl));
+  const Impl impl(arena, config);
+  return arena.used();
+}
+
+Status System::create(const Config& config, std::span<std::byte> memory, System** system) {
+  const Status status = config.validate();
+  if (!status.ok()) return status;
+  if (reinterpret_cast<uintptr_t>(memory.data()) % Arena::kAlignment != 0)
+    return {StatusCode::kInvalidArgument, "System::create: memory must be aligned to 16 bytes"};
+  if (memory.size() < required_bytes(config))
+    return {StatusCode::kOutOfMemory, "System::create: memory is smaller than System::required_bytes(config)"};
+  Config prepared = config;
+  prepared.camera.prepare();
+  Arena arena(memory);
+  void* place = arena.allocate(sizeof(System));
+  void* impl_place = arena.allocate(sizeof(Impl));
+  *system = new (place) System(new (impl_place) Impl(arena, prepared));
+  PPTAM_ASSERT(!arena.overflowed());
+  return {};
+}
+
+void System::set_clock(const Clock* clock) {
+  impl_->clock = clock;
+}
+
+TrackResult System::track(const Frame& frame) {
+  TrackResult refused;
+  refused.timestamp_ns = frame.timestamp_ns;
+  refused.status = validate_frame(frame);
+  const CameraModel& camera = impl_->config.camera;
+  if (refused.status.ok() && (frame.width != camera.width || frame.height != camera.height))
+    refused.status = {StatusCode::kInvalidArgument, "track: the frame's size differs from Config::camera's"};
+  if (refused.status.ok() && frame.timestamp_ns <= impl_->last_timestamp_ns)
+    refused.status = {StatusCode::kTimeWentBackwards, "track: the timestamp is not later than the last frame's"};
+  if (!refused.status.ok()) return refused;
+  impl_->last_timestamp_ns = frame.timestamp_ns;
+  return impl_->tracker.track(frame, impl_->clock);
+}
+
+bool System::has_work() const {
+  return impl_->mapper.has_work();
+}
+void System::work_slice() {
+  impl_->mapper.work_slice();
+}
+void System::tap() {
+  impl_->tracker.tap();
+}
+void System::reset() {
+  impl_->tracker.reset();
+}
+
+int System::keyframes(std::span<KeyframeInfo> out) const {
+  int count = 0;
+  for (const Keyframe& keyframe : impl_->map.keyframes) {
+    if (count < static_cast<int>(out.size())) out[count] = {keyframe.id, keyframe.timestamp_ns, keyframe.T_kw};
+    ++count;
+  }
+  return count;
+}
+
+int System::map_points(std::span<MapPointInfo> out) const {
+  int count = 0;
+  for (const MapPoint& point : impl_->map.points) {
+    if (point.id == 0) continue;
+    if (count < static_cast<int>(out.size())) {
+      const Keyframe& source = impl_->map.keyframes[point.source.keyframe];
+      MapPointInfo& info = out[count];
+      info.id = point.id;
+      info.p_w = point.p_w;
+      info.normal_w = source.T_kw.R.transpose() * point.source.normal;
+      info.measurements = point.measurements.size();
+      info.grey = source.pyramid.level[0].at(static_cast<int>(point.source.px.x() + 0.5f),
+                                             static_cast<int>(point.source.px.y() + 0.5f));
+    }
+    ++count;
+  }
+  return count;
+}
+
+const Config& System::config() const {
+  return impl_->config;
+}
+const WorkMeter& System::work_meter() const {
+  return impl_->meter;
+}
+uint64_t System::map_hash() const {
+  return impl_->map.hash();
+}
+
+}  // namespace pptam

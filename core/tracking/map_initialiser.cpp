@@ -1,0 +1,598 @@
+#include "tracking/map_initialiser.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+
+#include "geometry/robust.h"
+#include "tracking/patch_search.h"
+
+namespace pptam {
+
+namespace {
+
+constexpr int kMinCorners = 25;            // fewer cannot constrain 8 parameters well once some are lost
+constexpr float kMaxStartSpeed = 0.6f;     // radians/s of apparent rotation: beyond it the first view is blurred
+constexpr float kMinFoundFraction = 0.3f;  // of the points expected in the image
+constexpr int kMinInliers = 14;
+constexpr int kMaxBadFrames = 5;
+constexpr int kFitIterations = 10;
+constexpr float kSigma_px = 2.0f;  // a measurement's expected standard deviation at L1, before sub-pixel refinement
+// Scale floor of the homography's residuals, in units of the measurements' sigma (2 px at L1): sub-pixel noise is
+// 0.15 of it, but unmodelled rolling shutter (hand tremor) is not Gaussian.
+constexpr float kSigmaFloor = 0.15f;
+// Noise for which the decomposition must be well constrained, level-0 px: what tremor adds within one readout.
+constexpr float kDecompositionNoise_px = 1.0f;
+constexpr float kMaxSigmaNormal_rad = 0.045f;  // 2.6 degrees
+constexpr float kMinBaseline = 0.06f;          // t / d
+constexpr float kPureRotationTolerance = 0.02f;
+constexpr float kTurned_rad = 0.14f;  // 8 degrees without a baseline: say so
+// What counts as a plane: residuals' scale, and the share of the found points that fit.
+constexpr float kMaxPlanarSigma_px = 1.2f;
+constexpr float kMinPlanarShare = 0.7f;
+constexpr float kResidualDecay = 0.7f;  // of an off-plane point's offset, per frame without a match
+
+// General motion.
+constexpr int kRelativeSteps = 8;
+constexpr float kEpipolarFloor_px = 0.3f;
+constexpr float kMaxEpipolarSigma_px = 1.2f;
+constexpr float kMinEpipolarShare = 0.7f;
+constexpr float kMaxDepthSigma = 0.06f;  // of the median point, relative
+constexpr float kMaxDirectionSigma_rad = 0.1f;
+constexpr int kDirectionCount = 9;  // half a sphere: the sign follows from the points' side
+constexpr float kDirections[kDirectionCount][3] = {{1, 0, 0},        {0, 1, 0},       {0.7f, 0.7f, 0},
+                                                   {0.7f, -0.7f, 0}, {0, 0, 1},       {0.7f, 0, 0.7f},
+                                                   {-0.7f, 0, 0.7f}, {0, 0.7f, 0.7f}, {0, -0.7f, 0.7f}};
+
+// Stage 2.
+// Cost ratio that decides [phone 5.1], relaxed frame by frame: with a wrong calibration no hypothesis fits well, and
+// the ratio stays under 2 for ever.
+constexpr float kHypothesisCostRatio = 2.0f, kMinCostRatio = 1.2f, kCostRatioPerFrame = 0.05f;
+constexpr float kCostMemory = 0.8f;        // costs are summed with forgetting, about five frames
+constexpr float kMaxCostScale = 1.0f;      // 2 px
+constexpr float kPriorTranslation = 0.1f;  // depths/s, of the velocity during the readout
+constexpr float kPriorRotation = 0.15f;    // radians/s
+constexpr int kMinHypothesisFrames = 3;
+constexpr int64_t kHypothesisTimeout_ns = 4'000'000'000;
+constexpr int64_t kStageOneTimeout_ns = 15'000'000'000;
+constexpr float kMaxHypothesisSigma = 1.0f;  // 2 px: a right model fits to under 1 px
+constexpr float kMinParallax_rad = 0.01f;
+constexpr int kMinMapPoints = 15;
+constexpr float kBlurLimit_px = 6.0f;  // image motion within the exposure at which L1 becomes useless
+
+// log of a matrix near the identity, second order.
+Matrix3f log_near_identity(const Matrix3f& M) {
+  const Matrix3f D = M - Matrix3f::Identity();
+  Matrix3f L = D - 0.5f * (D * D);
+  L -= Matrix3f::Identity() * (L.trace() / 3.0f);
+  return L;
+}
+
+}  // namespace
+
+MapInitialiser::MapInitialiser(Arena& arena, const Config& config, WorkMeter& meter)
+    : config_(config),
+      meter_(meter),
+      corner_scratch_(arena, config.camera.width, config.camera.height),
+      corners_(arena, config.max_initial_points),
+      points_(arena, config.max_initial_points),
+      pose_points_(arena, config.max_initial_points),
+      squared_(arena, config.max_initial_points),
+      correspondences_(arena, config.max_initial_points),
+      inlier_rays_(arena, config.max_initial_points),
+      observed_(arena, config.max_initial_points) {
+  for (View* view : {&first_, &second_, &third_}) {
+    view->storage = PyramidStorage(arena, config.camera.width, config.camera.height, 0);
+    const int width = config.camera.width >> (kPyramidLevels - 1);
+    const int height = config.camera.height >> (kPyramidLevels - 1);
+    view->small = {arena.allocate_array<uint8_t>(static_cast<size_t>(width) * height), width, height, width};
+  }
+  for (Hypothesis& hypothesis : hypotheses_) hypothesis.p_1 = FixedVector<Vector3f>(arena, config.max_initial_points);
+}
+
+void MapInitialiser::copy_view(const Pyramid& pyramid, const GreyView& small, int64_t timestamp_ns, View& view) {
+  view.timestamp_ns = timestamp_ns;
+  view.pyramid = copy_pyramid(pyramid, view.storage);
+  for (int y = 0; y < small.height; ++y) std::copy_n(small.row(y), small.width, view.small.row(y));
+}
+
+void MapInitialiser::reset() {
+  stage_ = Stage::kIdle;
+  progress_ = 0;
+  points_.clear();
+  observed_.clear();
+}
+
+Hint MapInitialiser::start(const Pyramid& pyramid, const GreyView& small, int64_t timestamp_ns, float rotation_speed) {
+  reset();
+  if (rotation_speed > kMaxStartSpeed) return Hint::kTooFast;
+  corners_.resize(corners_.capacity());
+  CornerStats stats;
+  const int count = detect_corners(pyramid, CornerParams(), corner_scratch_, corners_, &stats);
+  meter_.charge(Work::kCornerPixel, static_cast<int64_t>(pyramid.level[2].width) * pyramid.level[2].height);
+  meter_.charge(Work::kCornerAscent, stats.ascent_steps);
+  if (count < kMinCorners) return Hint::kTooLittleTexture;
+  for (int i = 0; i < count; ++i) {
+    Point point;
+    point.px_1 = {static_cast<float>(corners_[i].x), static_cast<float>(corners_[i].y)};
+    point.x_1 = config_.camera.unproject(point.px_1);
+    Vector2f px;
+    Matrix23f J;
+    if (!config_.camera.project({point.x_1.x(), point.x_1.y(), 1.0f}, &px, &J)) continue;
+    point.J_1 = J.leftCols<2>();
+    points_.push_back(point);
+  }
+  copy_view(pyramid, small, timestamp_ns, first_);
+  H_.setIdentity();
+  H_previous_.setIdentity();
+  H_rate_.setZero();
+  first_rate_.setZero();
+  previous_ns_ = start_ns_ = timestamp_ns;
+  frames_ = bad_frames_ = 0;
+  winner_ = -1;
+  relative_ = RelativePose();
+  next_direction_ = 0;
+  stage_ = Stage::kHomography;
+  hint_ = Hint::kMoveSideways;
+  return Hint::kNone;
+}
+
+// Where a global shutter would have seen the normalised point of pixel px, in an image that moves at `rate`.
+Vector2f MapInitialiser::corrected(const Vector2f& px, const Matrix3f& rate) const {
+  const Vector2f x = config_.camera.unproject(px);
+  const float dt_s = config_.shutter.dt_s(px, config_.camera.width, config_.camera.height);
+  if (dt_s == 0) return x;
+  return apply_homography(Matrix3f::Identity() - dt_s * rate, x);
+}
+
+void MapInitialiser::search_points(const Pyramid& pyramid, const Matrix3f& H_predicted, const Matrix3f& rate,
+                                   int level) {
+  observed_.clear();
+  attempted_ = found_ = 0;
+  SearchOptions options;
+  options.level = level;
+  for (Point& point : points_) {
+    point.found = false;
+    point.weight = 0;
+    if (homography_depth(H_predicted, point.x_1) <= 0.1f) continue;
+    const Vector2f x = apply_homography(H_predicted, point.x_1) + point.residual;
+    Vector2f px;
+    Matrix23f J;
+    if (!config_.camera.project({x.x(), x.y(), 1.0f}, &px, &J)) continue;
+    const float dt_s = config_.shutter.dt_s(px, config_.camera.width, config_.camera.height);
+    if (dt_s != 0) {
+      const Vector2f moved = apply_homography(Matrix3f::Identity() + dt_s * rate, x);
+      px += J.leftCols<2>() * (moved - x);
+    }
+    if (!config_.camera.in_image(px, 12.0f)) continue;
+    const Matrix2f A = J.leftCols<2>() * homography_point_jacobian(H_predicted, point.x_1) * point.J_1.inverse();
+    PatchTemplate patch;
+    meter_.charge(Work::kPatchWarp, 1);
+    if (!warp_template(first_.pyramid, point.px_1, A, options.level, &patch)) continue;
+    FoundPatch found;
+    const SearchOutcome outcome = find_template(pyramid, patch, px, options, meter_, &found);
+    if (outcome == SearchOutcome::kNotVisible) continue;
+    ++attempted_;
+    ObservedPoint observed;
+    observed.predicted_px = px;
+    observed.px = px;
+    observed.level = static_cast<uint8_t>(level);
+    if (outcome == SearchOutcome::kFound) {
+      ++found_;
+      point.found = true;
+      point.px_2 = found.px;
+      observed.px = found.px;
+      observed.predicted_px = point.px_1;
+      observed.kind = ObservedKind::kInitial;
+    }
+    observed_.push_back(observed);
+  }
+}
+
+// Robust fit of H to the found points, left-multiplied sl(3) updates, starting from the prediction. Residuals in units
+// of the measurement's sigma (2 px).
+bool MapInitialiser::fit_homography(const Matrix3f& H_predicted) {
+  using Matrix8f = Eigen::Matrix<float, 8, 8>;
+  Matrix3f H = H_predicted;
+  const float scale = config_.camera.fx / kSigma_px;
+  for (int iteration = 0; iteration < kFitIterations; ++iteration) {
+    squared_.clear();
+    for (const Point& point : points_)
+      if (point.found && homography_depth(H, point.x_1) > 0.1f)
+        squared_.push_back((scale * (point.x_2 - apply_homography(H, point.x_1))).squaredNorm());
+    meter_.charge(Work::kHomographyPoint, squared_.size());
+    if (squared_.size() < kMinInliers) return false;
+    const float sigma = std::max(robust_sigma(squared_), kSigmaFloor);
+    Matrix8f A = Matrix8f::Zero();
+    Vector8f b = Vector8f::Zero();
+    int inliers = 0;
+    for (Point& point : points_) {
+      point.weight = 0;
+      if (!point.found || homography_depth(H, point.x_1) <= 0.1f) continue;
+      const Vector2f y = apply_homography(H, point.x_1);
+      const Vector2f e = scale * (point.x_2 - y);
+      point.weight = tukey_weight(e.squaredNorm(), sigma);
+      if (point.weight == 0) continue;
+      ++inliers;
+      const Eigen::Matrix<float, 2, 8> J = scale * homography_sl3_jacobian(y);
+      A += point.weight * (J.transpose() * J);
+      b += point.weight * (J.transpose() * e);
+    }
+    sigma_px_ = kSigma_px * sigma;
+    if (inliers < kMinInliers) return false;
+    const Vector8f unit = A.diagonal().cwiseSqrt().cwiseInverse();
+    if (!unit.allFinite()) return false;
+    A = (unit.asDiagonal() * A * unit.asDiagonal()).eval();
+    const Eigen::LDLT<Matrix8f> ldlt(A);
+    if (ldlt.info() != Eigen::Success || !(ldlt.vectorD().minCoeff() > 1e-6f)) return false;
+    const Vector8f step = unit.cwiseProduct(ldlt.solve(unit.cwiseProduct(b)));
+    if (!step.allFinite() || step.norm() > 1.0f) return false;
+    H = sl3_exp(step) * H;
+    if (step.norm() < 1e-5f) break;
+  }
+  H_ = normalised_sl3(H);
+  return H_.allFinite();
+}
+
+MapInitialiser::Progress MapInitialiser::track(const Pyramid& pyramid, const GreyView& small, int64_t timestamp_ns,
+                                               const Matrix3f& R_cp) {
+  if (stage_ == Stage::kIdle) return Progress::kIdle;
+  const float dt_s = static_cast<float>(timestamp_ns - previous_ns_) * 1e-9f;
+  previous_ns_ = timestamp_ns;
+  const Matrix3f H_predicted = R_cp * H_;
+  const Matrix3f predicted_rate = log_near_identity(R_cp) / dt_s;
+  const float blur_px = so3_log(R_cp).norm() / dt_s * config_.exposure_s * config_.camera.fx;
+  search_points(pyramid, H_predicted, predicted_rate, blur_px > kBlurLimit_px ? 2 : 1);
+
+  H_previous_ = H_;
+  const Matrix3f rate_guess = predicted_rate;
+  for (Point& point : points_)
+    if (point.found) point.x_2 = corrected(point.px_2, rate_guess);
+  bool good = found_ >= kMinInliers &&
+              static_cast<float>(found_) >= kMinFoundFraction * static_cast<float>(attempted_) &&
+              fit_homography(H_predicted);
+  if (good) {
+    // Once more with the measured rate: H's own, not the rotation's.
+    H_rate_ = log_near_identity(H_ * H_previous_.inverse()) / dt_s;
+    for (Point& point : points_)
+      if (point.found) point.x_2 = corrected(point.px_2, H_rate_);
+    good = fit_homography(H_);
+  }
+  for (Point& point : points_) {
+    if (good && point.found) {
+      point.residual = point.x_2 - apply_homography(H_, point.x_1);
+    } else {
+      point.residual *= kResidualDecay;
+    }
+  }
+  if (!good) {
+    H_ = H_predicted;
+    if (++bad_frames_ > kMaxBadFrames) {
+      reset();
+      hint_ = Hint::kStartLost;
+      return Progress::kLost;
+    }
+    return Progress::kTracking;
+  }
+  bad_frames_ = 0;
+  ++frames_;
+  if (frames_ == 1) {
+    // The first view moved while it was read out, too.
+    first_rate_ = H_rate_;
+    for (Point& point : points_) point.x_1 = corrected(point.px_1, first_rate_);
+  }
+
+  if (stage_ == Stage::kHomography) {
+    if (timestamp_ns - start_ns_ > kStageOneTimeout_ns) {
+      reset();
+      hint_ = Hint::kStartLost;
+      return Progress::kLost;
+    }
+    inlier_rays_.clear();
+    for (const Point& point : points_)
+      if (point.weight > 0) inlier_rays_.push_back(point.x_1);
+    const Decomposition decomposition = decompose_homography(H_, inlier_rays_, kPureRotationTolerance);
+    const bool planar = sigma_px_<kMaxPlanarSigma_px&& static_cast<float>(inlier_rays_.size())> kMinPlanarShare *
+                        static_cast<float>(found_);
+    hint_ = Hint::kMoveSideways;
+    // A blurred view makes a poor keyframe.
+    const bool sharp = so3_log(R_cp).norm() / dt_s * config_.exposure_s * config_.camera.fx < 0.5f * kBlurLimit_px;
+    if (planar && (decomposition.pure_rotation || decomposition.count == 0)) {
+      if (so3_log(orthonormalised(H_)).norm() > kTurned_rad) hint_ = Hint::kOnlyRotating;
+      progress_ = 0;
+      return Progress::kTracking;
+    }
+    const bool ready = planar ? planar_ready(decomposition) : general_ready(decomposition);
+    if (!ready || !sharp) return Progress::kTracking;
+    copy_view(pyramid, small, timestamp_ns, second_);
+    branch_ns_ = timestamp_ns;
+    second_rate_ = H_rate_;
+    branch(decomposition, !planar);
+    stage_ = Stage::kHypotheses;
+    return Progress::kTracking;
+  }
+
+  if (!track_hypotheses(dt_s)) {
+    if (timestamp_ns - branch_ns_ > kHypothesisTimeout_ns) {
+      reset();
+      hint_ = Hint::kStartLost;
+      return Progress::kLost;
+    }
+    return Progress::kTracking;
+  }
+  copy_view(pyramid, small, timestamp_ns, third_);
+  return Progress::kDone;
+}
+
+// Is the plane's decomposition well constrained? Both solutions must be.
+bool MapInitialiser::planar_ready(const Decomposition& decomposition) {
+  float worst_sigma_n = 0, shortest = 1e9f;
+  for (int i = 0; i < decomposition.count; ++i) {
+    const float sigma = std::max(sigma_px_, kDecompositionNoise_px) / config_.camera.fx;
+    const DecompositionQuality quality = decomposition_quality(decomposition.solutions[i], inlier_rays_, sigma);
+    worst_sigma_n = std::max(worst_sigma_n, quality.sigma_n_rad);
+    shortest = std::min(shortest, decomposition.solutions[i].T_21.t.norm());
+  }
+  progress_ = std::clamp(std::min(kMaxSigmaNormal_rad / worst_sigma_n, shortest / kMinBaseline), 0.0f, 1.0f);
+  return progress_ >= 1.0f;
+}
+
+// No plane explains the points: the relative pose from the epipolar constraint. Starts from the last frame's, from the
+// plane's solutions and, a few in each frame, from fixed directions of translation; the cheapest is kept.
+bool MapInitialiser::general_ready(const Decomposition& decomposition) {
+  correspondences_.clear();
+  for (const Point& point : points_)
+    if (point.found) correspondences_.push_back({point.x_1, point.x_2});
+  squared_.resize(squared_.capacity());
+  const float floor = kEpipolarFloor_px / config_.camera.fx;
+  RelativePose best;
+  const auto attempt = [&](const SE3& T_start) {
+    const RelativePose pose = refine_relative_pose(correspondences_, T_start, kRelativeSteps, floor, squared_);
+    meter_.charge(Work::kHomographyPoint, static_cast<int64_t>(correspondences_.size()) * kRelativeSteps);
+    if (!pose.ok) return;
+    // Compared at one scale, the smaller: as cost / scale^2 grows with what does not fit.
+    const float scale = std::max(pose.sigma, floor), best_scale = std::max(best.sigma, floor);
+    if (!best.ok || pose.cost * scale * scale < best.cost * best_scale * best_scale) best = pose;
+  };
+  const Matrix3f R = orthonormalised(H_);
+  if (relative_.ok) attempt(relative_.T_21);
+  for (int i = 0; i < decomposition.count; ++i) attempt(decomposition.solutions[i].T_21);
+  for (int i = 0; i < 3; ++i) {
+    attempt({R, Vector3f(kDirections[next_direction_][0], kDirections[next_direction_][1],
+                         kDirections[next_direction_][2])});
+    next_direction_ = (next_direction_ + 1) % kDirectionCount;
+  }
+  relative_ = best;
+  if (!best.ok) {
+    progress_ = 0;
+    return false;
+  }
+  // How well are the depths known? Median over the points that triangulate.
+  squared_.clear();
+  for (const Correspondence& c : correspondences_) {
+    Triangulated triangulated;
+    if (!triangulate(best.T_21, c.x1, c.x2, 0, &triangulated)) continue;
+    squared_.push_back(triangulated.sigma_inverse_depth * triangulated.p_1.z() * kDecompositionNoise_px /
+                       config_.camera.fx);
+  }
+  if (squared_.size() < kMinMapPoints) return false;
+  float* middle = squared_.begin() + squared_.size() / 2;
+  std::nth_element(squared_.begin(), middle, squared_.end());
+  const float inlier_share = static_cast<float>(best.inliers) / static_cast<float>(correspondences_.size());
+  progress_ = std::clamp(
+      std::min({kMaxDepthSigma / std::max(*middle, 1e-6f), kMaxDirectionSigma_rad / std::max(best.sigma_t_rad, 1e-6f),
+                inlier_share / kMinEpipolarShare}),
+      0.0f, 1.0f);
+  return progress_ >= 1.0f && best.sigma < kMaxEpipolarSigma_px / config_.camera.fx;
+}
+
+// Stage 2 begins: a map for each solution, points by triangulation.
+void MapInitialiser::branch(const Decomposition& decomposition, bool general) {
+  frames_ = 0;
+  for (int k = 0; k < kHypotheses; ++k) {
+    Hypothesis& hypothesis = hypotheses_[k];
+    hypothesis.planar = k < 2;
+    hypothesis.alive = hypothesis.planar ? k < decomposition.count : general;
+    hypothesis.cost = 0;
+    if (!hypothesis.alive) continue;
+    SE3 T_b1 = hypothesis.planar ? decomposition.solutions[k].T_21 : relative_.T_21;
+    if (hypothesis.planar) hypothesis.n_1 = decomposition.solutions[k].n_1;
+    hypothesis.p_1.clear();
+    float depth_sum = 0;
+    int count = 0;
+    for (const Point& point : points_) {
+      Triangulated triangulated;
+      Vector3f p_1 = Vector3f::Zero();
+      const Vector3f ray = point.x_1.homogeneous();
+      if (hypothesis.planar && point.weight > 0 && hypothesis.n_1.dot(ray) > 0) {
+        p_1 = ray / hypothesis.n_1.dot(ray);  // knows its plane better than its parallax tells
+      } else if (point.found && triangulate(T_b1, point.x_1, point.x_2, kMinParallax_rad, &triangulated)) {
+        p_1 = triangulated.p_1;
+      }
+      hypothesis.p_1.push_back(p_1);
+      depth_sum += p_1.z();
+      count += p_1.z() > 0;
+    }
+    if (count < kMinMapPoints) {
+      hypothesis.alive = false;
+      continue;
+    }
+    if (!hypothesis.planar) {  // unit baseline so far: make the scene about 1 away
+      const float scale = static_cast<float>(count) / depth_sum;
+      for (Vector3f& p : hypothesis.p_1) p *= scale;
+      T_b1.t *= scale;
+    }
+    hypothesis.T_b1 = hypothesis.T_c1 = T_b1;
+    hypothesis.velocity = velocity_from_rate(H_rate_, hypothesis, T_b1);
+  }
+  for (Point& point : points_) {
+    point.px_b = point.px_2;
+    point.found_b = point.found;
+  }
+}
+
+// The camera velocity whose image motion at the points is that of the homography's rate: least squares over the points
+// [phone 6], with a weak prior against the poorly seen directions.
+Vector6f MapInitialiser::velocity_from_rate(const Matrix3f& rate, const Hypothesis& hypothesis, const SE3& T_k1) const {
+  constexpr float kPriorTranslation = 0.5f, kPriorRotation = 0.5f, kFlowNoise = 0.03f;  // depths/s, radians/s, 1/s
+  Matrix6f A = Matrix6f::Zero();
+  A.diagonal() << Vector3f::Constant(1 / (kPriorTranslation * kPriorTranslation)),
+      Vector3f::Constant(1 / (kPriorRotation * kPriorRotation));
+  Vector6f b = Vector6f::Zero();
+  for (const Vector3f& p_1 : hypothesis.p_1) {
+    if (p_1.z() <= 0) continue;
+    const Vector3f p = T_k1 * p_1;
+    if (p.z() <= 0.05f) continue;
+    const Vector2f x = p.head<2>() / p.z();
+    const Vector2f flow = (apply_homography(Matrix3f::Identity() + 0.01f * rate, x) - x) / 0.01f;
+    Matrix23f J_x_p;
+    J_x_p << 1 / p.z(), 0, -x.x() / p.z(), 0, 1 / p.z(), -x.y() / p.z();
+    const Matrix26f J = J_x_p * se3_point_jacobian(p) / kFlowNoise;
+    A += J.transpose() * J;
+    b += J.transpose() * (flow / kFlowNoise);
+  }
+  return A.ldlt().solve(b);
+}
+
+// One SE(3) pose in each hypothesis' map. True when one is left: winner_.
+bool MapInitialiser::track_hypotheses(float dt_s) {
+  float frame_scale = kSigmaFloor;
+  for (Hypothesis& hypothesis : hypotheses_) {
+    if (!hypothesis.alive) continue;
+    gather_pose_points(hypothesis);
+    VelocityPrior prior;
+    prior.mean = velocity_from_rate(H_rate_, hypothesis, hypothesis.T_c1);
+    prior.sigma_translation = kPriorTranslation;
+    prior.sigma_rotation = kPriorRotation;
+    const PoseUpdate update =
+        update_pose(config_.camera, config_.shutter, SE3::exp(prior.mean * dt_s) * hypothesis.T_c1, prior, pose_points_,
+                    kSigmaFloor, meter_);
+    if (!update.ok) {
+      hypothesis.alive = false;
+      continue;
+    }
+    hypothesis.T_c1 = update.T_cw;
+    hypothesis.velocity = update.velocity;
+    hypothesis.sigma = update.sigma;
+    frame_scale = std::max(frame_scale, std::min(update.sigma, kMaxCostScale));
+  }
+  // All costs at one scale, the largest: at a smaller one the worse hypothesis' errors would saturate. A point that one
+  // hypothesis explains counts against those that do not, or cannot place it; one that none explains is a wrong match.
+  float frame_cost[kHypotheses] = {};
+  const float saturated = tukey_cost(1e12f, frame_scale);
+  for (int i = 0; i < points_.size(); ++i) {
+    const Point& point = points_[i];
+    if (!point.found || !point.found_b) continue;
+    float cost[kHypotheses];
+    bool explained = false;
+    for (int k = 0; k < kHypotheses; ++k) {
+      const Hypothesis& hypothesis = hypotheses_[k];
+      cost[k] = saturated;
+      Vector2f px;
+      if (!hypothesis.alive || hypothesis.p_1[i].z() <= 0) continue;
+      const SE3 T = pose_at(hypothesis.T_c1, hypothesis.velocity,
+                            config_.shutter.dt_s(point.px_2, config_.camera.width, config_.camera.height));
+      if (!config_.camera.project(T * hypothesis.p_1[i], &px)) continue;
+      cost[k] = tukey_cost((point.px_2 - px).squaredNorm() / (kSigma_px * kSigma_px), frame_scale);
+      explained |= cost[k] < saturated;
+    }
+    for (int k = 0; k < kHypotheses; ++k)
+      if (explained) frame_cost[k] += cost[k];
+  }
+  for (int k = 0; k < kHypotheses; ++k)
+    hypotheses_[k].cost = kCostMemory * hypotheses_[k].cost + frame_cost[k] / (frame_scale * frame_scale);
+  int best = -1;
+  bool decided = true;
+  for (int k = 0; k < kHypotheses; ++k)
+    if (hypotheses_[k].alive && (best < 0 || hypotheses_[k].cost < hypotheses_[best].cost)) best = k;
+  if (best < 0) {
+    branch_ns_ = previous_ns_ - 2 * kHypothesisTimeout_ns;  // nothing left: times out at once
+    return false;
+  }
+  const float ratio = std::max(kHypothesisCostRatio - kCostRatioPerFrame * static_cast<float>(frames_), kMinCostRatio);
+  for (int k = 0; k < kHypotheses; ++k)
+    if (k != best && hypotheses_[k].alive && hypotheses_[k].cost < ratio * hypotheses_[best].cost) decided = false;
+  if (!decided || frames_ < kMinHypothesisFrames || hypotheses_[best].sigma > kMaxHypothesisSigma) return false;
+  winner_ = best;
+  return true;
+}
+
+// The found points that the hypothesis can place, into pose_points_.
+void MapInitialiser::gather_pose_points(const Hypothesis& hypothesis) {
+  pose_points_.clear();
+  for (int i = 0; i < points_.size(); ++i) {
+    if (!points_[i].found || hypothesis.p_1[i].z() <= 0) continue;
+    PosePoint point;
+    point.p_w = hypothesis.p_1[i];
+    point.px = points_[i].px_2;
+    point.sigma = kSigma_px;
+    pose_points_.push_back(point);
+  }
+}
+
+bool MapInitialiser::build(Map& map, SE3* T_cw, Vector6f* velocity) {
+  PPTAM_ASSERT(winner_ >= 0 && !map.exists());
+  const Hypothesis& hypothesis = hypotheses_[winner_];
+  const SE3 poses[3] = {SE3(), hypothesis.T_b1, hypothesis.T_c1};
+  const Vector6f velocities[3] = {velocity_from_rate(first_rate_, hypothesis, SE3()),
+                                  velocity_from_rate(second_rate_, hypothesis, hypothesis.T_b1), hypothesis.velocity};
+  const View* views[3] = {&first_, &second_, &third_};
+  for (int k = 0; k < 3; ++k) {
+    // The queue's first slot lends its storage: the queue is empty without a map.
+    KeyframeCandidate& candidate = map.queue[0];
+    Keyframe& frame = candidate.frame;
+    frame.timestamp_ns = views[k]->timestamp_ns;
+    frame.T_kw = poses[k];
+    frame.velocity = velocities[k];
+    frame.mean_depth = 1;
+    frame.pyramid = copy_pyramid(views[k]->pyramid, frame.storage);
+    for (int y = 0; y < frame.small.height; ++y)
+      std::copy_n(views[k]->small.row(y), frame.small.width, frame.small.row(y));
+    if (map.add_keyframe(candidate) < 0) {
+      map.clear();
+      return false;
+    }
+  }
+  int count = 0;
+  float depth_sum = 0;
+  for (int i = 0; i < points_.size(); ++i) {
+    const Point& point = points_[i];
+    const Vector3f& p_1 = hypothesis.p_1[i];
+    if (p_1.z() <= 0 || !point.found_b) continue;
+    // Good in the current view, or not seen in it and on the plane.
+    bool good_now = false;
+    if (point.found) {
+      const SE3 T = pose_at(poses[2], velocities[2],
+                            config_.shutter.dt_s(point.px_2, config_.camera.width, config_.camera.height));
+      Vector2f px;
+      good_now = config_.camera.project(T * p_1, &px) &&
+                 (point.px_2 - px).norm() / 2 < kTukeyCutoff * std::max(hypothesis.sigma, 0.3f);
+      if (!good_now) continue;
+    }
+    const int index = map.add_point();
+    if (index < 0) break;
+    MapPoint& added = map.points[index];
+    added.p_w = p_1;
+    added.source.keyframe = 0;
+    added.source.px = point.px_1;
+    const bool on_plane = hypothesis.planar && std::abs(hypothesis.n_1.dot(p_1) - 1.0f) < 0.1f;
+    added.source.normal = on_plane ? Vector3f(-hypothesis.n_1) : Vector3f(-p_1.normalized());
+    added.measurements.push_back({point.px_1, 2.0f, 0});
+    added.measurements.push_back({point.px_b, 2.0f, 1});
+    if (good_now) added.measurements.push_back({point.px_2, 2.0f, 2});
+    added.attempts = added.found = 1;
+    depth_sum += p_1.z();
+    ++count;
+  }
+  if (count < kMinMapPoints) {
+    map.clear();
+    return false;
+  }
+  for (Keyframe& keyframe : map.keyframes) keyframe.mean_depth = depth_sum / static_cast<float>(count);
+  *T_cw = hypothesis.T_c1;
+  *velocity = hypothesis.velocity;
+  return true;
+}
+
+}  // namespace pptam

@@ -1,0 +1,128 @@
+// Two-stage initialisation from one tap [phone 5.1].
+//
+// Stage 1 tracks the first view's corners with a homography H in SL(3) and decomposes it in every frame. Once the
+// decomposition is well constrained, stage 2 keeps up to two hypotheses (R, t, n), each with its own triangulated
+// points, and tracks an SE(3) pose in each until the others cost twice as much. Where no plane explains the points, a
+// third hypothesis comes from the epipolar constraint alone (beyond the paper). The result is a small map: three
+// keyframes and the points, in the first camera's frame, scaled so that the scene is about 1 away.
+//
+// Points are re-found in each frame from their prediction: no continuous tracks. Normalised image coordinates
+// throughout; measurements are corrected for the rolling shutter by the rate of H itself.
+#pragma once
+
+#include "geometry/homography.h"
+#include "geometry/two_view.h"
+#include "image/corners.h"
+#include "map/map.h"
+#include "tracking/pose_update.h"
+
+namespace pptam {
+
+class MapInitialiser {
+ public:
+  MapInitialiser(Arena& arena, const Config& config, WorkMeter& meter);
+
+  enum class Progress : uint8_t {
+    kIdle,      // start() has not been called
+    kTracking,  // stage 1 or 2 goes on
+    kLost,      // the first view was lost, or nothing came of it: back to idle
+    kDone       // build() may be called
+  };
+
+  // Takes the first view. rotation_speed: from the full-frame rotation, radians/s. Hint::kNone on success, otherwise
+  // why the view is not suitable (too little texture, too fast).
+  Hint start(const Pyramid& pyramid, const GreyView& small, int64_t timestamp_ns, float rotation_speed);
+
+  // Tracks the first view in the next frame. R_cp: rotation from the frame before (full-frame rotation).
+  Progress track(const Pyramid& pyramid, const GreyView& small, int64_t timestamp_ns, const Matrix3f& R_cp);
+
+  // Writes keyframes and points into an empty map (and leaves it not `ready`); T_cw and velocity are the current
+  // frame's. False when the map came out too small; the map is then empty again.
+  bool build(Map& map, SE3* T_cw, Vector6f* velocity);
+
+  void reset();
+  bool active() const { return stage_ != Stage::kIdle; }
+  float progress() const { return progress_; }  // 0 to 1
+  Hint hint() const { return hint_; }
+  std::span<const ObservedPoint> observed() const { return observed_; }
+  int attempted() const { return attempted_; }
+  int found() const { return found_; }
+
+ private:
+  enum class Stage : uint8_t { kIdle, kHomography, kHypotheses };
+  struct Point {
+    Vector2f px_1 = Vector2f::Zero();      // first view, level-0 pixels
+    Vector2f x_1 = Vector2f::Zero();       // normalised, corrected for the rolling shutter
+    Matrix2f J_1 = Matrix2f::Identity();   // d(px)/d(x) of the camera there
+    Vector2f px_2 = Vector2f::Zero();      // current frame
+    Vector2f x_2 = Vector2f::Zero();       // normalised, corrected
+    Vector2f residual = Vector2f::Zero();  // of x_2 against H, kept for the next prediction: off-plane points
+    Vector2f px_b = Vector2f::Zero();      // the frame in which stage 2 began (second keyframe)
+    float weight = 0;                      // of the homography fit
+    bool found = false;
+    bool found_b = false;
+  };
+  struct Hypothesis {
+    SE3 T_b1;  // pose of the frame in which stage 2 began (second keyframe)
+    bool planar = true;
+    Vector3f n_1 = Vector3f::UnitZ();  // the plane n_1 . p_1 = 1, when planar
+    SE3 T_c1;                          // pose of the current frame
+    Vector6f velocity = Vector6f::Zero();
+    FixedVector<Vector3f> p_1;  // one per point; z = 0 where not triangulated
+    float cost = 0;             // running robust cost, summed over the frames of stage 2
+    float sigma = 0;            // robust scale of its residuals in the current frame, units of 2 px
+    bool alive = false;
+  };
+  struct View {
+    int64_t timestamp_ns = 0;
+    PyramidStorage storage;
+    Pyramid pyramid;
+    GreyImage small;
+  };
+
+  void search_points(const Pyramid& pyramid, const Matrix3f& H_predicted, const Matrix3f& rate, int level);
+  bool fit_homography(const Matrix3f& H_predicted);
+  bool planar_ready(const Decomposition& decomposition);
+  bool general_ready(const Decomposition& decomposition);
+  void branch(const Decomposition& decomposition, bool general);
+  void gather_pose_points(const Hypothesis& hypothesis);
+  bool track_hypotheses(float dt_s);
+  Vector2f corrected(const Vector2f& px, const Matrix3f& rate) const;
+  Vector6f velocity_from_rate(const Matrix3f& rate, const Hypothesis& hypothesis, const SE3& T_k1) const;
+  static void copy_view(const Pyramid& pyramid, const GreyView& small, int64_t timestamp_ns, View& view);
+
+  const Config& config_;
+  WorkMeter& meter_;
+  Stage stage_ = Stage::kIdle;
+  View first_, second_, third_;
+  CornerScratch corner_scratch_;
+  FixedVector<Corner> corners_;
+  FixedVector<Point> points_;
+  FixedVector<PosePoint> pose_points_;
+  FixedVector<float> squared_;
+  FixedVector<Correspondence> correspondences_;
+  FixedVector<Vector2f> inlier_rays_;
+  FixedVector<ObservedPoint> observed_;
+  RelativePose relative_;   // general motion, refined from frame to frame; ok: may be used as a start
+  int next_direction_ = 0;  // of the fixed starting directions
+  static constexpr int kHypotheses = 3;
+  Hypothesis hypotheses_[kHypotheses];  // two of the plane, one general
+  Matrix3f H_ = Matrix3f::Identity();   // first view to current, at the frame's timestamp
+  Matrix3f H_previous_ = Matrix3f::Identity();
+  Matrix3f H_rate_ = Matrix3f::Zero();       // H(t + dt) = exp(dt * H_rate) H(t), 1/s
+  Matrix3f first_rate_ = Matrix3f::Zero();   // the same at the first view
+  Matrix3f second_rate_ = Matrix3f::Zero();  // and when stage 2 began
+  int64_t previous_ns_ = 0;
+  int64_t start_ns_ = 0;
+  int64_t branch_ns_ = 0;  // when stage 2 began
+  int winner_ = -1;
+  int frames_ = 0;
+  int bad_frames_ = 0;
+  float sigma_px_ = 1;  // robust scale of the homography's residuals, level-0 pixels
+  float progress_ = 0;
+  Hint hint_ = Hint::kNone;
+  int attempted_ = 0;
+  int found_ = 0;
+};
+
+}  // namespace pptam

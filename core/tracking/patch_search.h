@@ -1,0 +1,55 @@
+// Finds one patch of the map in the current frame: predict, warp, search, refine [ptam 5.3, phone 4].
+#pragma once
+
+#include "base/work_meter.h"
+#include "geometry/camera_model.h"
+#include "image/patch.h"
+#include "map/map.h"
+
+namespace pptam {
+
+// Where the search happens.
+struct SearchOptions {
+  int level = 1;        // pyramid level searched: 1, or 2 for blurred frames [phone 4]
+  float radius_px = 4;  // in that level's pixels
+  // Largest zero-mean SSD, as a fraction of the template's own zero-mean energy: 1 - NCC^2 for equal contrast. Judged
+  // on emulated and recorded sequences: right matches stay under 0.3 at L1, accidental ones in an 8 px circle rarely
+  // come under 0.5.
+  float max_relative_zmssd = 0.4f;
+  bool refine = true;
+};
+
+struct FoundPatch {
+  Vector2f px = Vector2f::Zero();  // level-0 pixels
+  float sigma = 1;                 // level-0 pixels: 2^level
+  float relative_zmssd = 0;
+};
+
+enum class SearchOutcome : uint8_t {
+  kFound,
+  kNotFound,    // searched, no match
+  kNotVisible,  // would fall outside the image, or is seen at an unsuitable scale or angle
+};
+
+// Affine map from level-0 pixels of the source to level-0 pixels of the target, for a patch at p_s (source camera's
+// frame) on the plane with normal n_s; T_ts takes source to target. False when p is not projectable in both or the
+// plane is seen edge-on.
+bool patch_affinity(const CameraModel& source_camera, const Vector3f& p_s, const Vector3f& n_s, const SE3& T_ts,
+                    Matrix2f* A_t_s);
+
+// Warps the patch at source_px of the source pyramid by A (target level 0 from source level 0) for a search in
+// `level`, from the source level whose scale fits best. False when |det| falls outside [1/4, 4] at every level, the
+// template leaves the source image, or has too little contrast.
+bool warp_template(const Pyramid& source, const Vector2f& source_px, const Matrix2f& A_t_s, int level,
+                   PatchTemplate* patch);
+
+// Searches and refines a warped template around predicted_px (level 0).
+SearchOutcome find_template(const Pyramid& target, const PatchTemplate& patch, const Vector2f& predicted_px,
+                            const SearchOptions& options, WorkMeter& meter, FoundPatch* found);
+
+// Both for a map point or partial point: `source` in the map's keyframe, p_w its position, T_cw the target's pose.
+SearchOutcome find_point(const Map& map, const CameraModel& camera, const PatchSource& source, const Vector3f& p_w,
+                         const SE3& T_cw, const Pyramid& target, const Vector2f& predicted_px,
+                         const SearchOptions& options, WorkMeter& meter, FoundPatch* found);
+
+}  // namespace pptam

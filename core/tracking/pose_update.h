@@ -1,0 +1,56 @@
+// Camera pose from measured map points, rolling shutter included [ptam 5.4; phone 4].
+//
+// Minimises the Tukey-weighted reprojection error over the pose T_cw at the frame's timestamp and, with a rolling
+// shutter, over the camera's velocity during the readout, which has a prior from the motion model:
+//   e_i = m_i - project(exp(dt(m_i) velocity) T_cw p_i) / sigma_i.
+// Ten reweighted Gauss-Newton iterations; the scale is re-estimated in each from the median.
+#pragma once
+
+#include <span>
+
+#include "base/work_meter.h"
+#include "geometry/camera_model.h"
+#include "geometry/se3.h"
+
+namespace pptam {
+
+struct PosePoint {
+  Vector3f p_w = Vector3f::Zero();
+  Vector2f px = Vector2f::Zero();  // measured, level-0 pixels
+  float sigma = 1;                 // level-0 pixels
+  float weight = 0;                // result: final Tukey weight, 0 for outliers
+  float error_sq = 0;              // result: squared error / sigma^2
+};
+
+struct VelocityPrior {
+  Vector6f mean = Vector6f::Zero();  // translation (world units/s), rotation (radians/s)
+  float sigma_translation = 0;       // 1-sigma of each component; 0: velocity is fixed to the mean
+  float sigma_rotation = 0;
+};
+
+struct PoseUpdate {
+  SE3 T_cw;
+  Vector6f velocity = Vector6f::Zero();
+  Matrix6f covariance = Matrix6f::Zero();  // of mu in T_cw <- exp(mu) T_cw, velocity marginalised
+  float sigma = 0;                         // robust scale: 1-sigma of a coordinate, in units of the points' sigma
+  float cost = 0;                          // sum of Tukey costs at that scale, floor as given
+  int inliers = 0;                         // points of non-zero weight
+  bool ok = false;  // at least 6 inliers and a well-conditioned system; otherwise T_cw is the start
+};
+
+// sigma_floor: smallest robust scale, in units of the points' sigma; keeps a handful of perfect points from rejecting
+// all others. points' weight and error_sq are written.
+PoseUpdate update_pose(const CameraModel& camera, const RollingShutter& shutter, const SE3& T_start,
+                       const VelocityPrior& prior, std::span<PosePoint> points, float sigma_floor, WorkMeter& meter);
+
+// T_cw at dt_s after the frame's timestamp.
+inline SE3 pose_at(const SE3& T_cw, const Vector6f& velocity, float dt_s) {
+  return dt_s == 0 ? T_cw : SE3::exp(velocity * dt_s) * T_cw;
+}
+
+// Projects p_w with the pose of the line on which it falls; two fixed-point passes settle the line to under 0.05 px for
+// image speeds under a fifth of the readout's.
+bool project_rolling(const CameraModel& camera, const RollingShutter& shutter, const SE3& T_cw,
+                     const Vector6f& velocity, const Vector3f& p_w, Vector2f* px, SE3* T_line);
+
+}  // namespace pptam

@@ -1,0 +1,587 @@
+#include "tracking/tracker.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "base/deterministic_math.h"
+#include "image/grey.h"
+#include "tracking/full_frame_rotation.h"
+#include "tracking/patch_search.h"
+#include "tracking/relocaliser.h"
+
+namespace pptam {
+
+namespace {
+
+// Quality from the fraction of expected points found as inliers, and their number.
+constexpr float kGoodFraction = 0.45f;
+constexpr float kPoorFraction = 0.22f;
+constexpr int kGoodInliers = 12;
+constexpr int kPoorInliers = 8;
+constexpr int kBadFramesUntilLost = 3;
+constexpr int kFramesToConfirm = 2;
+
+// Robust scale floor in units of 2^level pixels: the sub-pixel refinement's noise is 0.1 to 0.2 of it.
+constexpr float kSigmaFloor = 0.15f;
+
+// Image motion within the exposure at which L1 becomes too blurred: a third of the 16 level-0 px that a template
+// covers.
+constexpr float kBlurLimit_px = 6.0f;
+
+constexpr float kVelocityBlend = 0.7f;      // share of the newest measured velocity
+constexpr float kVelocityDecayRate = 1.6f;  // 1/s: a fifth is left of a velocity after a second without measurements
+// How far the velocity during the readout may be from the prediction: hand tremor of 0.15 degrees at 10 Hz turns at
+// up to 9 degrees/s, and its translation of 0.5 mm moves at up to 0.03 m/s.
+constexpr float kPriorRotation = 0.15f;     // radians/s
+constexpr float kPriorTranslation = 0.06f;  // mean depths/s
+
+constexpr int kCellsX = 6;
+constexpr int kCellsY = 8;
+constexpr float kImageBorder_px = 12.0f;             // half a template and the search circle of L1, in level-0 pixels
+constexpr float kMinCosView = 0.5f;                  // between the source's and the present viewing direction
+constexpr float kMinScale = 0.4f, kMaxScale = 2.5f;  // distance ratios that a warp can bridge
+
+// New keyframes: distance to the nearest keyframe in mean depths, which grows as the map fills (a young map needs
+// baselines soon, a full one must not grow), or the share of the budget that the view fills.
+constexpr float kKeyframeDistanceNew = 0.004f, kKeyframeDistanceFull = 0.18f;
+constexpr float kKeyframeMinDistance = 0.004f;
+constexpr float kSparseViewFraction = 0.6f;
+constexpr float kKeyframeCosTurn = 0.98f;  // 11.5 degrees: views turned by more do not count as near
+
+constexpr int kMaxPartialFailures = 12;
+constexpr float kInverseDepthRange = 2.5f;  // partial points are sought within mean / range to mean * range
+
+bool inside(const CameraModel& camera, const Vector2f& px) {
+  return camera.in_image(px, kImageBorder_px);
+}
+
+}  // namespace
+
+Tracker::Tracker(Arena& arena, const Config& config, Map& map, WorkMeter& meter)
+    : config_(config),
+      map_(map),
+      meter_(meter),
+      pyramid_storage_(arena, config.camera.width, config.camera.height, 1),
+      initialiser_(arena, config, meter),
+      candidates_(arena, config.max_map_points),
+      selected_(arena, config.max_measured_points),
+      pose_points_(arena, config.max_measured_points),
+      pose_indices_(arena, config.max_measured_points),
+      observed_(arena, config.max_measured_points + config.max_partial_searches) {
+  const int width = config.camera.width, height = config.camera.height;
+  grey_storage_ = {arena.allocate_array<uint8_t>(static_cast<size_t>(width) * height), width, height, width};
+  const int small_width = width >> (kPyramidLevels - 1), small_height = height >> (kPyramidLevels - 1);
+  for (GreyImage* small : {&small_, &small_previous_})
+    *small = {arena.allocate_array<uint8_t>(static_cast<size_t>(small_width) * small_height), small_width, small_height,
+              small_width};
+}
+
+void Tracker::tap() {
+  reset();
+  tap_pending_ = true;
+  hint_ = Hint::kNone;
+}
+
+void Tracker::reset() {
+  map_.clear();
+  initialiser_.reset();
+  state_ = TrackingState::kWaiting;
+  hint_ = Hint::kTap;
+  tap_pending_ = false;
+  velocity_.setZero();
+  bad_frames_ = good_frames_ = confirm_ = 0;
+}
+
+void Tracker::mark_stage(Stage stage, TrackResult* result) {
+  if (!clock_) return;
+  const int64_t now_ns = clock_->now_ns();
+  result->stage_ns[static_cast<int>(stage)] += now_ns - stage_start_ns_;
+  stage_start_ns_ = now_ns;
+}
+
+void Tracker::prepare_frame(const Frame& frame) {
+  const GreyView grey = to_grey(frame, grey_storage_);
+  if (grey.data == grey_storage_.data)
+    meter_.charge(Work::kGreyPixel, static_cast<int64_t>(frame.width) * frame.height);
+  pyramid_ = build_pyramid(grey, pyramid_storage_);
+  meter_.charge(Work::kPyramidPixel, static_cast<int64_t>(frame.width) * frame.height / 3);
+  std::swap(small_, small_previous_);
+  make_small_image(pyramid_, small_);
+}
+
+TrackResult Tracker::track(const Frame& frame, const Clock* clock) {
+  TrackResult result;
+  result.timestamp_ns = frame.timestamp_ns;
+  clock_ = clock;
+  if (clock_) stage_start_ns_ = clock_->now_ns();
+  const float dt_s = have_previous_ ? static_cast<float>(frame.timestamp_ns - timestamp_ns_) * 1e-9f : 1.0f / 15.0f;
+  timestamp_ns_ = frame.timestamp_ns;
+  observed_.clear();
+
+  prepare_frame(frame);
+  mark_stage(Stage::kPyramid, &result);
+
+  // The mapper may have changed the world's coordinates, or given the map up.
+  if (state_ != TrackingState::kWaiting && !initialiser_.active() && !map_.exists()) {
+    state_ = TrackingState::kWaiting;
+    hint_ = Hint::kStartLost;
+  }
+  if (transform_count_ != map_.transform_count) {
+    transform_count_ = map_.transform_count;
+    T_cw_ = T_cw_ * map_.transform.T.inverse();
+    T_cw_.t *= map_.transform.scale;
+    velocity_.head<3>() *= map_.transform.scale;
+    mean_depth_ *= map_.transform.scale;
+  }
+  predict(dt_s);
+  mark_stage(Stage::kRotation, &result);
+
+  if (map_.exists() && state_ == TrackingState::kLost) {
+    relocalise(dt_s, &result);
+  } else if (map_.exists()) {
+    track_with_map(dt_s, &result);
+  } else {
+    track_initialiser(&result);
+    mark_stage(Stage::kInitialise, &result);
+  }
+  have_previous_ = true;
+
+  result.state = state_;
+  result.hint = hint_;
+  result.limits_hit |= map_.limits_hit;
+  result.keyframes = map_.keyframes.size();
+  result.map_points = map_.point_count();
+  if (result.points.empty()) result.points = observed_;
+  return result;
+}
+
+// Full-frame rotation, and from it and the motion model the pose, the velocity and the blur of this frame.
+void Tracker::predict(float dt_s) {
+  const bool with_map = map_.exists() && state_ != TrackingState::kLost;
+  const SE3 motion = with_map ? SE3::exp(velocity_ * dt_s) : SE3();
+  R_cp_.setIdentity();
+  rotation_ok_ = false;
+  if (have_previous_) {
+    // The map's translation first, so that only the rotation is left to see (algorithms: the narrow view's pitfall).
+    const RotationEstimate rotation = estimate_rotation(small_previous_, small_, config_.camera, motion.R,
+                                                        with_map ? Vector3f(motion.t / mean_depth_) : Vector3f::Zero());
+    meter_.charge(Work::kRotationPixel, static_cast<int64_t>(rotation.iterations) * small_.width * small_.height);
+    rotation_ok_ = rotation.ok;
+    R_cp_ = rotation.ok ? rotation.R_cp : motion.R;
+  }
+  T_predicted_ = SE3(R_cp_, motion.t) * T_cw_;
+  T_predicted_.R = orthonormalised(T_predicted_.R);
+  prior_.mean.head<3>() = velocity_.head<3>();
+  prior_.mean.tail<3>() = so3_log(R_cp_) / dt_s;
+  prior_.sigma_translation = kPriorTranslation * mean_depth_;
+  prior_.sigma_rotation = kPriorRotation;
+  const Vector3f omega = prior_.mean.tail<3>();
+  const Vector3f v = with_map ? Vector3f(velocity_.head<3>() / mean_depth_) : Vector3f::Zero();
+  const float speed = std::sqrt((omega.y() + v.x()) * (omega.y() + v.x()) + (v.y() - omega.x()) * (v.y() - omega.x()));
+  blur_px_ = speed * config_.camera.fx * config_.exposure_s;
+}
+
+void Tracker::track_initialiser(TrackResult* result) {
+  if (!initialiser_.active()) {
+    if (!tap_pending_) return;
+    const float speed = prior_.mean.tail<3>().norm();
+    hint_ = initialiser_.start(pyramid_, small_, timestamp_ns_, speed);
+    if (hint_ != Hint::kNone) return;  // the tap stays pending until the view is suitable
+    tap_pending_ = false;
+    state_ = TrackingState::kInitialising;
+    hint_ = Hint::kMoveSideways;
+    return;
+  }
+  const MapInitialiser::Progress progress = initialiser_.track(pyramid_, small_, timestamp_ns_, R_cp_);
+  result->progress = initialiser_.progress();
+  result->points = initialiser_.observed();
+  result->points_attempted = initialiser_.attempted();
+  result->points_found = initialiser_.found();
+  hint_ = initialiser_.hint();
+  if (progress == MapInitialiser::Progress::kLost) {
+    state_ = TrackingState::kWaiting;
+  } else if (progress == MapInitialiser::Progress::kDone) {
+    const bool built = initialiser_.build(map_, &T_cw_, &velocity_);
+    initialiser_.reset();
+    if (!built) {
+      state_ = TrackingState::kWaiting;
+      hint_ = Hint::kStartLost;
+      return;
+    }
+    meter_.charge(Work::kKeyframePixel, 3LL * config_.camera.width * config_.camera.height * 4 / 3);
+    mean_depth_ = map_.keyframes[0].mean_depth;
+    last_keyframe_ns_ = timestamp_ns_;
+    bad_frames_ = 0;
+    good_frames_ = 1;
+    result->progress = 1;
+  }
+}
+
+// Which points to measure: expected to be visible, spread over the image, reliable ones first, always the same ones in
+// the same view (a changing choice makes the pose jitter).
+void Tracker::select_points(const SE3& T_cw, const Vector6f& velocity) {
+  candidates_.clear();
+  selected_.clear();
+  int projected = 0;
+  const Vector3f centre = T_cw.centre();
+  Vector3f source_centre[64];
+  const int cached = std::min(map_.keyframes.size(), 64);
+  for (int k = 0; k < cached; ++k) source_centre[k] = map_.keyframes[k].T_kw.centre();
+  for (int i = 0; i < map_.points.size(); ++i) {
+    const MapPoint& point = map_.points[i];
+    if (point.id == 0) continue;
+    ++projected;
+    Vector2f px;
+    const Vector3f p_c = T_cw * point.p_w;
+    if (!config_.camera.project(p_c, &px)) continue;
+    if (config_.shutter.line_time_s != 0) {
+      const float dt_s = config_.shutter.dt_s(px, config_.camera.width, config_.camera.height);
+      if (!config_.camera.project(p_c + se3_point_jacobian(p_c) * velocity * dt_s, &px)) continue;
+    }
+    if (!inside(config_.camera, px)) continue;
+    const int k = point.source.keyframe;
+    const Vector3f from_source = point.p_w - (k < cached ? source_centre[k] : map_.keyframes[k].T_kw.centre());
+    const Vector3f from_here = point.p_w - centre;
+    const float distance_source = from_source.norm(), distance_here = from_here.norm();
+    if (distance_here < kMinScale * distance_source || distance_here > kMaxScale * distance_source) continue;
+    if (from_source.dot(from_here) < kMinCosView * distance_source * distance_here) continue;
+    Candidate candidate;
+    candidate.point = i;
+    candidate.id = point.id;
+    const int cx = std::clamp(static_cast<int>(px.x()) * kCellsX / config_.camera.width, 0, kCellsX - 1);
+    const int cy = std::clamp(static_cast<int>(px.y()) * kCellsY / config_.camera.height, 0, kCellsY - 1);
+    candidate.cell = static_cast<int16_t>(cy * kCellsX + cx);
+    const float reliability = (static_cast<float>(point.found) + 2.0f) / (static_cast<float>(point.attempts) + 3.0f);
+    candidate.score = reliability * (1.0f + 0.1f * static_cast<float>(std::min(point.measurements.size(), 6)));
+    candidates_.push_back(candidate);
+  }
+  meter_.charge(Work::kPointProjected, projected);
+  std::sort(candidates_.begin(), candidates_.end(), [](const Candidate& a, const Candidate& b) {
+    if (a.cell != b.cell) return a.cell < b.cell;
+    if (a.score != b.score) return a.score > b.score;
+    return a.id < b.id;
+  });
+  for (int i = 0; i < candidates_.size(); ++i) {
+    const bool same_cell = i > 0 && candidates_[i].cell == candidates_[i - 1].cell;
+    candidates_[i].round = same_cell ? static_cast<int16_t>(candidates_[i - 1].round + 1) : int16_t{0};
+  }
+  std::sort(candidates_.begin(), candidates_.end(), [](const Candidate& a, const Candidate& b) {
+    if (a.round != b.round) return a.round < b.round;
+    if (a.score != b.score) return a.score > b.score;
+    return a.id < b.id;
+  });
+  for (const Candidate& candidate : candidates_)
+    if (!selected_.push_back(candidate.point)) break;
+}
+
+Tracker::MapTracking Tracker::search_and_update(const SE3& T_start, const VelocityPrior& prior, int level,
+                                                float radius_px) {
+  MapTracking tracking;
+  tracking.visible = candidates_.size();
+  pose_points_.clear();
+  pose_indices_.clear();
+  observed_.clear();
+  SearchOptions options;
+  options.level = level;
+  options.radius_px = radius_px;
+  for (const int index : selected_) {
+    const MapPoint& point = map_.points[index];
+    Vector2f predicted;
+    SE3 T_line;
+    if (!project_rolling(config_.camera, config_.shutter, T_start, prior.mean, point.p_w, &predicted, &T_line))
+      continue;
+    FoundPatch found;
+    const SearchOutcome outcome =
+        find_point(map_, config_.camera, point.source, point.p_w, T_line, pyramid_, predicted, options, meter_, &found);
+    if (outcome == SearchOutcome::kNotVisible) continue;
+    ++tracking.attempted;
+    ObservedPoint observed;
+    observed.point_id = point.id;
+    observed.predicted_px = observed.px = predicted;
+    observed.level = static_cast<uint8_t>(level);
+    if (outcome == SearchOutcome::kFound) {
+      ++tracking.found;
+      PosePoint pose_point;
+      pose_point.p_w = point.p_w;
+      pose_point.px = found.px;
+      pose_point.sigma = found.sigma;
+      pose_points_.push_back(pose_point);
+      observed.px = found.px;
+      observed.kind = ObservedKind::kOutlier;
+    }
+    pose_indices_.push_back(index);
+    observed_.push_back(observed);
+  }
+  tracking.pose = update_pose(config_.camera, config_.shutter, T_start, prior, pose_points_, kSigmaFloor, meter_);
+  // Tell each observation what became of it.
+  int found_index = 0;
+  for (ObservedPoint& observed : observed_) {
+    if (observed.kind == ObservedKind::kMissed) continue;
+    if (tracking.pose.ok && pose_points_[found_index].weight > 0) observed.kind = ObservedKind::kInlier;
+    ++found_index;
+  }
+  if (tracking.pose.ok && tracking.attempted > 0) {
+    const float fraction = static_cast<float>(tracking.pose.inliers) / static_cast<float>(tracking.attempted);
+    if (fraction >= kGoodFraction && tracking.pose.inliers >= kGoodInliers) {
+      tracking.quality = TrackingQuality::kGood;
+    } else if (fraction >= kPoorFraction && tracking.pose.inliers >= kPoorInliers) {
+      tracking.quality = TrackingQuality::kPoor;
+    }
+  }
+  return tracking;
+}
+
+Tracker::MapTracking Tracker::track_map(const SE3& T_predicted, const VelocityPrior& prior, SearchMode mode) {
+  SE3 T_start = T_predicted;
+  VelocityPrior velocity = prior;
+  select_points(T_start, velocity.mean);
+  if (mode == SearchMode::kWide) {
+    // Coarse to fine: a wide circle costs little in L2 and is less ambiguous than in L1.
+    const MapTracking coarse = search_and_update(T_start, velocity, 2, 7.0f);
+    if (coarse.pose.ok && coarse.quality != TrackingQuality::kBad) {
+      T_start = coarse.pose.T_cw;
+      velocity.mean = coarse.pose.velocity;
+      select_points(T_start, velocity.mean);
+    }
+  }
+  return search_and_update(T_start, velocity, mode == SearchMode::kBlurred ? 2 : 1, 4.0f);
+}
+
+void Tracker::track_with_map(float dt_s, TrackResult* result) {
+  const bool blurred = blur_px_ > kBlurLimit_px;
+  const SearchMode mode = blurred ? SearchMode::kBlurred : bad_frames_ > 0 ? SearchMode::kWide : SearchMode::kNormal;
+  MapTracking tracking = track_map(T_predicted_, prior_, mode);
+  if (mode == SearchMode::kNormal && tracking.quality == TrackingQuality::kBad)
+    tracking = track_map(T_predicted_, prior_, SearchMode::kWide);
+  mark_stage(Stage::kSearch, result);
+
+  result->quality = tracking.quality;
+  result->blurred = blurred;
+  result->points_attempted = tracking.attempted;
+  result->points_found = tracking.found;
+  result->points_inliers = tracking.pose.inliers;
+  if (tracking.visible > selected_.capacity()) result->limits_hit |= kLimitMeasuredPoints;
+
+  const bool confirming = confirm_ > 0;
+  if (tracking.quality == TrackingQuality::kBad || (confirming && tracking.quality != TrackingQuality::kGood)) {
+    T_cw_ = T_predicted_;
+    velocity_ *= std::max(0.0f, 1.0f - 3.0f * dt_s);
+    good_frames_ = 0;
+    ++bad_frames_;
+    if (confirming || bad_frames_ >= kBadFramesUntilLost) {
+      confirm_ = 0;
+      relocalise_rank_ = 0;
+      if (map_.ready) {
+        state_ = TrackingState::kLost;
+        hint_ = Hint::kReturnToKnownView;
+      } else {
+        map_.clear();
+        state_ = TrackingState::kWaiting;
+        hint_ = Hint::kStartLost;
+      }
+    }
+    return;
+  }
+
+  accept(tracking.pose, dt_s);
+  if (confirming && ++confirm_ < kFramesToConfirm) return;
+  confirm_ = 0;
+  result->covariance = tracking.pose.covariance;
+  result->T_cw = T_cw_;
+  if (map_.ready) {
+    state_ = TrackingState::kTracking;
+    hint_ = Hint::kNone;
+    result->pose_valid = true;
+  } else {
+    state_ = TrackingState::kInitialising;
+    result->progress = 1;
+  }
+  // Search statistics, from frames that deserve it.
+  if (tracking.quality == TrackingQuality::kGood && !blurred) {
+    for (int i = 0; i < observed_.size(); ++i) {
+      MapPoint& point = map_.points[pose_indices_[i]];
+      ++point.attempts;
+      if (observed_[i].kind == ObservedKind::kInlier) ++point.found;
+      if (point.attempts >= 64) {
+        point.attempts /= 2;
+        point.found /= 2;
+      }
+    }
+    mark_stage(Stage::kPose, result);
+    if (map_.ready) {
+      update_partial_points(result);
+      mark_stage(Stage::kPartial, result);
+      if (wants_keyframe(tracking)) {
+        queue_keyframe();
+        result->keyframe_added = true;
+        mark_stage(Stage::kKeyframe, result);
+      }
+    }
+  }
+}
+
+void Tracker::accept(const PoseUpdate& pose, float dt_s) {
+  const SE3 motion = pose.T_cw * T_cw_.inverse();
+  Vector6f measured = motion.log() / dt_s;
+  if (bad_frames_ > 0 || good_frames_ == 0) measured.head<3>().setZero();  // the last pose was a guess
+  const float decay = det_exp(-kVelocityDecayRate * dt_s);
+  velocity_ = decay * (kVelocityBlend * measured + (1 - kVelocityBlend) * velocity_);
+  T_cw_ = pose.T_cw;
+  prior_.mean = pose.velocity;
+  bad_frames_ = 0;
+  ++good_frames_;
+  float depth_sum = 0;
+  int count = 0;
+  for (const PosePoint& point : pose_points_) {
+    if (point.weight == 0) continue;
+    depth_sum += (T_cw_ * point.p_w).z();
+    ++count;
+  }
+  if (count > 0) mean_depth_ = depth_sum / static_cast<float>(count);
+}
+
+void Tracker::relocalise(float dt_s, TrackResult* result) {
+  (void)dt_s;
+  constexpr int kCandidates = 3;
+  velocity_.setZero();
+  const RelocalisationCandidate candidate = propose_pose(map_, config_.camera, small_, relocalise_rank_, meter_);
+  relocalise_rank_ = (relocalise_rank_ + 1) % kCandidates;
+  mark_stage(Stage::kInitialise, result);
+  if (candidate.keyframe < 0) return;
+  mean_depth_ = map_.keyframes[candidate.keyframe].mean_depth;
+  VelocityPrior prior = prior_;
+  prior.mean.head<3>().setZero();
+  prior.sigma_translation = kPriorTranslation * mean_depth_;
+  const MapTracking tracking = track_map(candidate.T_cw, prior, SearchMode::kWide);
+  mark_stage(Stage::kSearch, result);
+  result->points_attempted = tracking.attempted;
+  result->points_found = tracking.found;
+  result->points_inliers = tracking.pose.inliers;
+  if (tracking.quality != TrackingQuality::kGood) return;
+  // Still kLost in the result: the next frame has to confirm it.
+  bad_frames_ = 0;
+  good_frames_ = 0;
+  accept(tracking.pose, 1.0f);
+  velocity_.setZero();
+  confirm_ = 1;
+  state_ = TrackingState::kTracking;
+  result->pose_valid = false;
+}
+
+// Depth of a few partial points along their epipolar lines [phone 5.2].
+void Tracker::update_partial_points(TrackResult* result) {
+  const int slots = map_.partial_points.size();
+  if (slots == 0) return;
+  const float mean_q = 1.0f / mean_depth_;
+  SearchOptions options;
+  for (int step = 0; step < slots && result->partial_attempted < config_.max_partial_searches; ++step) {
+    const int slot = next_partial_;
+    next_partial_ = (next_partial_ + 1) % slots;
+    PartialPoint& partial = map_.partial_points[slot];
+    if (partial.id == 0) continue;
+    const Keyframe& keyframe = map_.keyframes[partial.source.keyframe];
+    const SE3 T_wk = keyframe.T_kw.inverse();
+    const float sigma = partial.information > 0 ? 1.0f / std::sqrt(partial.information) : 1e9f;
+    const float q_near = std::min(partial.inverse_depth + 2 * sigma, kInverseDepthRange * mean_q);
+    const float q_far = std::max(partial.inverse_depth - 2 * sigma, mean_q / kInverseDepthRange);
+    if (!(q_near >= q_far)) {
+      partial = PartialPoint();  // its depth has left the scene's range
+      continue;
+    }
+    const auto project_at = [&](float q, Vector2f* px, SE3* T_line) {
+      return project_rolling(config_.camera, config_.shutter, T_cw_, prior_.mean, T_wk * Vector3f(partial.ray / q), px,
+                             T_line);
+    };
+    Vector2f px, px_near, px_far;
+    SE3 T_line, T_unused;
+    const float q = std::clamp(partial.inverse_depth, q_far, q_near);
+    if (!project_at(q, &px, &T_line) || !project_at(q_near, &px_near, &T_unused) ||
+        !project_at(q_far, &px_far, &T_unused) || !inside(config_.camera, px))
+      continue;
+    // d(px)/dq along the epipolar line, from the ends of the range.
+    const Vector2f J = (px_near - px_far) / std::max(q_near - q_far, 1e-6f * mean_q);
+    const float half_length_l1 = 0.25f * (px_near - px_far).norm();
+    options.radius_px = std::clamp(half_length_l1 + 2.0f, 3.0f, 8.0f);
+    FoundPatch found;
+    const SearchOutcome outcome = find_point(map_, config_.camera, partial.source, T_wk * Vector3f(partial.ray / q),
+                                             T_line, pyramid_, px, options, meter_, &found);
+    if (outcome == SearchOutcome::kNotVisible) continue;
+    ++result->partial_attempted;
+    ++partial.attempts;
+    if (outcome == SearchOutcome::kFound) {
+      const Vector2f e = found.px - px;
+      const float J_sq = J.squaredNorm();
+      // Off the epipolar line by more than the pose explains: another patch.
+      const float across = J_sq > 1e-12f ? std::abs(e.x() * J.y() - e.y() * J.x()) / std::sqrt(J_sq) : e.norm();
+      if (across < 3.0f) {
+        ++partial.found;
+        ++result->partial_found;
+        const float variance = found.sigma * found.sigma;
+        partial.information += J_sq / variance;
+        if (partial.information > 0) {
+          const float gain = 1.0f / (variance * partial.information);
+          partial.inverse_depth = std::clamp(q + gain * J.dot(e), q_far, q_near);
+        }
+        ObservedPoint observed;
+        observed.px = found.px;
+        observed.predicted_px = px;
+        observed.point_id = partial.id;
+        observed.kind = ObservedKind::kPartial;
+        observed_.push_back(observed);
+      }
+    }
+    if (partial.attempts - partial.found > kMaxPartialFailures && partial.found * 2 < partial.attempts)
+      partial = PartialPoint();
+  }
+}
+
+bool Tracker::wants_keyframe(const MapTracking& tracking) const {
+  if (map_.queued >= map_.queue.size()) return false;
+  if (map_.keyframes.size() + map_.queued >= map_.keyframes.capacity()) {
+    map_.limits_hit |= kLimitKeyframes;
+    return false;
+  }
+  if (static_cast<float>(timestamp_ns_ - last_keyframe_ns_) * 1e-9f < config_.min_keyframe_interval_s) return false;
+  if (good_frames_ < 2) return false;
+  const Vector3f centre = T_cw_.centre();
+  const Vector3f axis = T_cw_.R.row(2).transpose();
+  // The nearest keyframe that looks the same way.
+  float nearest_alike = 1e9f;
+  const auto consider = [&](const SE3& T_kw) {
+    const float distance = (T_kw.centre() - centre).norm();
+    if (axis.dot(T_kw.R.row(2).transpose()) > kKeyframeCosTurn) nearest_alike = std::min(nearest_alike, distance);
+  };
+  for (const Keyframe& keyframe : map_.keyframes) consider(keyframe.T_kw);
+  for (int i = 0; i < map_.queued; ++i) consider(map_.queue[i].frame.T_kw);
+  const bool sparse =
+      static_cast<float>(tracking.visible) < kSparseViewFraction * static_cast<float>(selected_.capacity());
+  const float fill = static_cast<float>(map_.keyframes.size()) / static_cast<float>(map_.keyframes.capacity());
+  const float far = kKeyframeDistanceNew + (kKeyframeDistanceFull - kKeyframeDistanceNew) * fill;
+  if (nearest_alike > far * mean_depth_) return true;
+  return sparse && nearest_alike > kKeyframeMinDistance * mean_depth_;
+}
+
+void Tracker::queue_keyframe() {
+  KeyframeCandidate& candidate = map_.queue[map_.queued++];
+  Keyframe& frame = candidate.frame;
+  frame.timestamp_ns = timestamp_ns_;
+  frame.T_kw = T_cw_;
+  frame.velocity = prior_.mean;
+  frame.mean_depth = mean_depth_;
+  frame.pyramid = copy_pyramid(pyramid_, frame.storage);
+  for (int y = 0; y < small_.height; ++y) std::copy_n(small_.row(y), small_.width, frame.small.row(y));
+  meter_.charge(Work::kKeyframePixel, static_cast<int64_t>(config_.camera.width) * config_.camera.height * 4 / 3);
+  candidate.measurements.clear();
+  for (int i = 0; i < pose_indices_.size(); ++i) {
+    if (observed_[i].kind != ObservedKind::kInlier) continue;
+    KeyframeMeasurement measurement;
+    measurement.point = pose_indices_[i];
+    measurement.point_id = map_.points[pose_indices_[i]].id;
+    measurement.px = observed_[i].px;
+    measurement.sigma = static_cast<float>(1 << observed_[i].level);
+    candidate.measurements.push_back(measurement);
+  }
+  last_keyframe_ns_ = timestamp_ns_;
+}
+
+}  // namespace pptam

@@ -1,0 +1,99 @@
+// What happens to every frame: pyramid, full-frame rotation, prediction, patch search, pose [phone 4].
+//
+// Owns the camera's state (pose, velocity, quality) and the initialiser. Reads the map, writes only points' search
+// statistics, partial points' filters and the queue of new keyframes. Bounded time; runs to completion.
+#pragma once
+
+#include "base/work_meter.h"
+#include "map/map.h"
+#include "pocket_ptam.h"
+#include "tracking/map_initialiser.h"
+#include "tracking/pose_update.h"
+
+namespace pptam {
+
+class Tracker {
+ public:
+  Tracker(Arena& arena, const Config& config, Map& map, WorkMeter& meter);
+
+  // The frame has been validated. clock may be null (no stage times).
+  TrackResult track(const Frame& frame, const Clock* clock);
+  void tap();
+  void reset();
+
+ private:
+  struct Candidate {  // a map point that should be visible
+    int32_t point = -1;
+    int16_t cell = 0;
+    int16_t round = 0;  // place within its cell
+    float score = 0;
+    uint32_t id = 0;
+  };
+  struct MapTracking {  // what one pass of tracking against the map gave
+    PoseUpdate pose;
+    int attempted = 0;
+    int found = 0;
+    int visible = 0;
+    TrackingQuality quality = TrackingQuality::kBad;
+  };
+  enum class SearchMode : uint8_t { kNormal, kBlurred, kWide };
+
+  void prepare_frame(const Frame& frame);
+  void predict(float dt_s);
+  MapTracking track_map(const SE3& T_predicted, const VelocityPrior& prior, SearchMode mode);
+  MapTracking search_and_update(const SE3& T_start, const VelocityPrior& prior, int level, float radius_px);
+  void select_points(const SE3& T_cw, const Vector6f& velocity);
+  void track_with_map(float dt_s, TrackResult* result);
+  void relocalise(float dt_s, TrackResult* result);
+  void track_initialiser(TrackResult* result);
+  void update_partial_points(TrackResult* result);
+  bool wants_keyframe(const MapTracking& tracking) const;
+  void queue_keyframe();
+  void accept(const PoseUpdate& pose, float dt_s);
+  void mark_stage(Stage stage, TrackResult* result);
+
+  const Config& config_;
+  Map& map_;
+  WorkMeter& meter_;
+  const Clock* clock_ = nullptr;
+  int64_t stage_start_ns_ = 0;
+
+  GreyImage grey_storage_;
+  PyramidStorage pyramid_storage_;
+  Pyramid pyramid_;
+  GreyImage small_, small_previous_;
+  bool have_previous_ = false;
+  int64_t timestamp_ns_ = 0;
+
+  MapInitialiser initialiser_;
+  TrackingState state_ = TrackingState::kWaiting;
+  Hint hint_ = Hint::kTap;
+  bool tap_pending_ = false;
+
+  // Camera state.
+  SE3 T_cw_;                              // last believed or predicted pose
+  Vector6f velocity_ = Vector6f::Zero();  // motion model: world units/s and radians/s, camera frame
+  float mean_depth_ = 1;
+  uint32_t transform_count_ = 0;
+  int bad_frames_ = 0;
+  int good_frames_ = 0;  // in a row
+  int confirm_ = 0;      // frames of a relocalisation that have held
+  int relocalise_rank_ = 0;
+  int64_t last_keyframe_ns_ = 0;
+
+  // This frame's prediction.
+  Matrix3f R_cp_ = Matrix3f::Identity();
+  bool rotation_ok_ = false;
+  SE3 T_predicted_;
+  VelocityPrior prior_;
+  float blur_px_ = 0;
+
+  FixedVector<Candidate> candidates_;
+  FixedVector<int> selected_;
+  FixedVector<PosePoint> pose_points_;
+  FixedVector<int> pose_indices_;  // map point of each pose point
+  FixedVector<ObservedPoint> observed_;
+  int next_partial_ = 0;
+};
+
+}  // namespace pptam

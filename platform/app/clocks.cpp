@@ -1,0 +1,41 @@
+#include "platform/app/clocks.h"
+
+#include <cerrno>
+#include <ctime>
+
+namespace pptam::app {
+namespace {
+
+constexpr int64_t kNsPerSecond = 1'000'000'000;
+
+int64_t read_clock_ns(clockid_t id) {
+  timespec time = {};
+  clock_gettime(id, &time);
+  return static_cast<int64_t>(time.tv_sec) * kNsPerSecond + time.tv_nsec;
+}
+
+}  // namespace
+
+int64_t SteadyClock::now_ns() const {
+  return read_clock_ns(CLOCK_MONOTONIC);
+}
+
+void SteadyClock::idle_until(int64_t t_ns) {
+  timespec until = {};
+  until.tv_sec = static_cast<time_t>(t_ns / kNsPerSecond);
+  until.tv_nsec = static_cast<long>(t_ns % kNsPerSecond);
+  while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &until, nullptr) == EINTR) {
+  }
+}
+
+int64_t ThrottledClock::now_ns() const {
+  const double cpu_ns = static_cast<double>(read_clock_ns(CLOCK_THREAD_CPUTIME_ID));
+  return skipped_ns_ + static_cast<int64_t>(cpu_ns * slowdown_);
+}
+
+void ThrottledClock::idle_until(int64_t t_ns) {
+  const int64_t now = now_ns();
+  if (t_ns > now) skipped_ns_ += t_ns - now;
+}
+
+}  // namespace pptam::app

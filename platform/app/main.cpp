@@ -1,0 +1,376 @@
+// pocket-ptam: tracks and maps a recorded or an emulated sequence, and judges the result.
+
+#include <CLI/CLI.hpp>
+#include <cstdio>
+#include <map>
+#include <memory>
+
+#include "platform/app/console.h"
+#include "platform/app/evaluation.h"
+#include "platform/app/overlay.h"
+#include "platform/app/report.h"
+#include "platform/app/run.h"
+#include "platform/app/suite.h"
+#include "platform/camera/recorded_camera.h"
+#include "sim_phone/phone_camera.h"
+
+namespace {
+
+using namespace pptam;
+using namespace pptam::app;
+using platform::InputError;
+
+constexpr int kExitOk = 0;
+constexpr int kExitBroken = 1;    // the source or an output broke midway
+constexpr int kExitBadInput = 2;  // nothing was done
+
+struct OutputOptions {
+  std::string out;
+  bool no_overlay = false;
+  bool no_report = false;
+};
+
+struct Readout {
+  RollingShutter::Axis axis = RollingShutter::Axis::kRows;
+  double seconds = 0;  // signed
+};
+
+// "rows:+:0.03"
+Readout parse_readout(const std::string& text) {
+  const auto refuse = [&]() -> InputError {
+    return InputError("--readout " + text + ": write AXIS:DIRECTION:SECONDS, for example columns:-:0.060");
+  };
+  const size_t first = text.find(':');
+  if (first == std::string::npos || first + 2 >= text.size() || text[first + 2] != ':') throw refuse();
+  const std::string axis = text.substr(0, first);
+  const char direction = text[first + 1];
+  const std::string number = text.substr(first + 3);
+  Readout readout;
+  if (axis == "columns") {
+    readout.axis = RollingShutter::Axis::kColumns;
+  } else if (axis != "rows") {
+    throw refuse();
+  }
+  size_t used = 0;
+  try {
+    readout.seconds = std::stod(number, &used);
+  } catch (const std::exception&) {
+    throw refuse();
+  }
+  if (used != number.size() || !(readout.seconds >= 0 && readout.seconds <= 1) ||
+      (direction != '+' && direction != '-')) {
+    throw refuse();
+  }
+  if (direction == '-') readout.seconds = -readout.seconds;
+  return readout;
+}
+
+void parse_size(const std::string& text, int* width, int* height) {
+  int used = 0;
+  if (std::sscanf(text.c_str(), "%dx%d%n", width, height, &used) != 2 || static_cast<size_t>(used) != text.size() ||
+      *width <= 0 || *height <= 0) {
+    throw InputError("--resize " + text + ": write WIDTHxHEIGHT, for example 320x240");
+  }
+}
+
+std::string quoted(const std::string& word) {
+  constexpr const char* kPlain = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-+./:=,%";
+  if (!word.empty() && word.find_first_not_of(kPlain) == std::string::npos) return word;
+  std::string text = "'";
+  for (const char c : word) text += c == '\'' ? std::string("'\\''") : std::string(1, c);
+  return text + "'";
+}
+
+std::string command_of(int argc, char** argv) {
+  std::string command = "pocket-ptam";
+  for (int i = 1; i < argc; ++i) command += " " + quoted(argv[i]);
+  return command;
+}
+
+// "desk, seed 3" -> "desk-seed-3".
+std::string folder_name(const std::string& name) {
+  std::string folder;
+  for (const char c : name) {
+    const bool plain =
+        (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' || c == '.';
+    if (plain) {
+      folder += c;
+    } else if (!folder.empty() && folder.back() != '-') {
+      folder += '-';
+    }
+  }
+  while (!folder.empty() && (folder.back() == '-' || folder.back() == '.')) folder.pop_back();
+  while (!folder.empty() && folder.front() == '.') folder.erase(0, 1);
+  return folder.empty() ? "run" : folder;
+}
+
+constexpr const char* kOutputs[] = {"trajectory.txt", "keyframes.txt", "map.ply",     "frames.csv",
+                                    "report.html",    "overlay.mp4",   "overlay.png", "start.png"};
+
+void prepare_folder(const std::filesystem::path& folder) {
+  std::error_code error;
+  std::filesystem::create_directories(folder, error);
+  if (error) throw InputError("--out " + folder.string() + ": cannot be made: " + error.message());
+  for (const char* name : kOutputs) std::filesystem::remove(folder / name, error);  // of an earlier run
+}
+
+int run_and_write(platform::Camera& camera, const RunOptions& run_options, const OutputOptions& output,
+                  bool plane_known, const std::string& command) {
+  const platform::Trajectory truth = camera.ground_truth();
+  const std::filesystem::path folder = output.out.empty()
+                                           ? std::filesystem::path("out") / folder_name(camera.info().name)
+                                           : std::filesystem::path(output.out);
+  std::vector<std::string> warnings;
+  std::unique_ptr<Overlay> overlay;
+  Progress progress;
+  const RunLog log = run_sequence(
+      camera, run_options,
+      [&](const platform::CameraInfo& info) {
+        prepare_folder(folder);
+        if (!output.no_overlay) overlay = std::make_unique<Overlay>(info, folder, &warnings);
+      },
+      [&](const Frame& frame, const TrackResult& result, const RunLog& so_far) {
+        const FrameLog& entry = so_far.frames.back();
+        if (overlay) overlay->add(frame, result, entry);
+        progress.show(so_far.source_frames, so_far.camera.frame_count.value_or(0),
+                      format("%.1f s  %s, %d keyframes, %d points", so_far.seconds(entry.timestamp_ns),
+                             name_of(entry.state), entry.keyframes, entry.map_points));
+      });
+  progress.finish();
+  if (overlay) overlay->finish();
+
+  RunSummary summary;
+  summary.command = command;
+  summary.version = PPTAM_VERSION;
+  summary.plane_known = plane_known;
+  if (!truth.empty()) {
+    try {
+      summary.evaluation = evaluate(log.trajectory(), truth, "trajectory", "ground truth");
+    } catch (const InputError& error) {
+      summary.evaluation_trouble = error.what();
+    }
+  }
+  write_text_outputs(log, folder);
+  if (!output.no_report) write_report(folder, log, summary, truth, &warnings);
+
+  print_rows(summarise(log, summary));
+  std::string written;
+  for (const char* name : kOutputs) {
+    if (std::filesystem::exists(folder / name)) written += std::string(" ") + name;
+  }
+  std::printf("\nwritten to %s:%s\n", folder.string().c_str(), written.c_str());
+  std::fflush(stdout);
+  for (const std::string& warning : warnings) print_warning(warning);
+  if (log.broken.empty()) return kExitOk;
+  print_error(log.broken + "; what came before it was tracked and written");
+  return kExitBroken;
+}
+
+void add_run_options(CLI::App* command, RunOptions* run, OutputOptions* output) {
+  static const std::map<std::string, ClockKind> kClocks = {
+      {"work", ClockKind::kWork}, {"steady", ClockKind::kSteady}, {"throttled", ClockKind::kThrottled}};
+  command->add_option("--out", output->out, "Folder for the results [out/NAME]")->type_name("DIR");
+  command
+      ->add_option_function<std::string>(
+          "--clock",
+          [run](const std::string& name) {
+            const auto found = kClocks.find(name);
+            if (found == kClocks.end()) throw InputError("--clock " + name + ": choose work, steady or throttled");
+            run->clock = found->second;
+          },
+          "work (modelled phone time, repeatable), steady (real time) or throttled (this computer slowed down) [work]")
+      ->type_name("NAME");
+  command->add_option("--slowdown", run->slowdown, "Factor of the throttled clock")
+      ->capture_default_str()
+      ->check(CLI::Range(0.01, 10000.0))
+      ->type_name("FACTOR");
+  command->add_flag_callback(
+      "--no-drop", [run] { run->drop_late = false; }, "Track every frame, however late");
+  command->add_option("--tap", run->taps_s, "Tap at this time; may be repeated [at the start, and after failures]")
+      ->type_name("SECONDS")
+      ->expected(1)
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
+  command->add_flag("--no-overlay", output->no_overlay, "No overlay.mp4 and stills");
+  command->add_flag("--no-report", output->no_report, "No report.html");
+}
+
+int run_program(int argc, char** argv) {
+  CLI::App app("Pocket PTAM: camera tracking and mapping for one small core.", "pocket-ptam");
+  app.require_subcommand(0, 1);
+  app.set_version_flag("--version", std::string("pocket-ptam ") + PPTAM_VERSION);
+  app.footer(
+      "Examples:\n"
+      "  pocket-ptam sim                                  a desk seen by the emulated phone\n"
+      "  pocket-ptam replay clip.mp4 --fov 50             a video, with a guessed field of view\n"
+      "  pocket-ptam eval trajectory.txt groundtruth.txt  compare two trajectories\n"
+      "Each command has its own --help. Exit codes: 0 done, 1 broke midway, 2 bad input.");
+  const std::string command = command_of(argc, argv);
+  RunOptions run;
+  OutputOptions output;
+  std::string readout;
+
+  CLI::App* sim = app.add_subcommand("sim", "Run on the emulated phone");
+  sim::PhoneOptions phone;
+  bool no_noise = false;
+  bool suite = false;
+  int seeds = 5;
+  int jobs = 1;
+  std::string dump;
+  const auto listed = [](const std::vector<std::string>& names) {
+    std::string list;
+    for (const std::string& name : names) list += (list.empty() ? "One of " : ", ") + name;
+    return list;
+  };
+  CLI::Option* scene_option =
+      sim->add_option("--scene", phone.scene, listed(sim::scene_names()))->capture_default_str()->type_name("NAME");
+  sim->add_option("--motion", phone.motion, listed(sim::motion_names()))->capture_default_str()->type_name("NAME");
+  sim->add_option("--seed", phone.seed, "Of the scene's details, the motion and the noise")
+      ->capture_default_str()
+      ->type_name("N");
+  sim->add_option("--duration", phone.duration_s, "Length of the sequence")
+      ->capture_default_str()
+      ->type_name("SECONDS");
+  sim->add_option("--readout", readout, "Rolling shutter, rows|columns:+|-:SECONDS [columns:-:0.060]");
+  sim->add_option("--exposure", phone.exposure_s, "Exposure time")->capture_default_str()->type_name("SECONDS");
+  sim->add_option("--fps", phone.frames_per_s, "Frames per second")->capture_default_str()->type_name("N");
+  sim->add_flag("--no-noise", no_noise, "An ideal sensor");
+  sim->add_option("--drop", phone.drop_probability, "Probability that the camera drops a frame")
+      ->capture_default_str()
+      ->type_name("P");
+  sim->add_option("--dump", dump, "Only write the sequence, in TUM layout")->type_name("DIR");
+  CLI::Option* suite_flag =
+      sim->add_flag("--suite", suite, "Scenes desk, boxes and walls with several seeds, as a table");
+  sim->add_option("--seeds", seeds, "Seeds of each scene, for --suite")
+      ->capture_default_str()
+      ->needs(suite_flag)
+      ->check(CLI::Range(1, 1000))
+      ->type_name("N");
+  sim->add_option("--jobs", jobs, "Threads, for --suite")
+      ->capture_default_str()
+      ->needs(suite_flag)
+      ->check(CLI::Range(1, 256))
+      ->type_name("N");
+  add_run_options(sim, &run, &output);
+  sim->footer(
+      "Examples:\n"
+      "  pocket-ptam sim --scene boxes --seed 3 --out out/boxes3\n"
+      "  pocket-ptam sim --readout rows:+:0.030 --fps 30   another phone's shutter\n"
+      "  pocket-ptam sim --dump /tmp/desk                  a sequence for other programs\n"
+      "  pocket-ptam sim --suite --seeds 5 --jobs 2");
+
+  CLI::App* replay = app.add_subcommand("replay", "Run on a recorded sequence");
+  platform::RecordingOptions recording;
+  std::string resize;
+  std::string source;
+  std::string calibration;
+  replay->add_option("source", source, "Folder (TUM, EuRoC, images), pattern such as img_%04d.png, or video")
+      ->required()
+      ->type_name("SOURCE");
+  replay->add_option("--calibration", calibration, "Camera calibration (YAML)")->type_name("FILE");
+  replay->add_option("--fov", recording.fov_degrees, "Horizontal field of view, when there is no calibration")
+      ->type_name("DEGREES");
+  replay->add_option("--resize", resize, "Scale the images, after rotation")->type_name("WxH");
+  replay->add_option("--every", recording.every, "Keep one frame of so many")->capture_default_str()->type_name("N");
+  replay->add_option("--fps", recording.fps, "Frames per second of images without timestamps [30]")->type_name("N");
+  replay->add_option("--rotate", recording.rotate_degrees, "Clockwise: 0, 90, 180 or 270")
+      ->capture_default_str()
+      ->type_name("DEGREES");
+  replay->add_option("--readout", readout, "Rolling shutter of the source, rows|columns:+|-:SECONDS");
+  add_run_options(replay, &run, &output);
+  replay->footer(
+      "Examples:\n"
+      "  pocket-ptam replay rgbd_dataset_freiburg1_xyz --calibration fr1.yaml --resize 320x240\n"
+      "  pocket-ptam replay clip.mp4 --fov 50 --readout rows:+:0.030\n"
+      "  pocket-ptam replay 'frames/img_%04d.png' --fov 60 --fps 15 --tap 2");
+
+  CLI::App* eval = app.add_subcommand("eval", "Compare an estimated trajectory with the truth");
+  std::string estimate_file;
+  std::string truth_file;
+  std::string plot_file;
+  eval->add_option("estimate", estimate_file, "TUM trajectory")->required()->type_name("ESTIMATE");
+  eval->add_option("truth", truth_file, "TUM trajectory")->required()->type_name("TRUTH");
+  eval->add_option("--plot", plot_file, "Draw both")->type_name("FILE.svg");
+  eval->footer("Example:\n  pocket-ptam eval out/desk-seed-1/trajectory.txt groundtruth.txt --plot both.svg");
+
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    if (error.get_exit_code() == 0) return app.exit(error);  // --help and --version
+    std::string with_command = "pocket-ptam";
+    for (const CLI::App* used : app.get_subcommands()) with_command += " " + used->get_name();
+    throw InputError(std::string(error.what()) + "; see " + with_command + " --help");
+  }
+
+  if (app.get_subcommands().empty()) throw InputError("no command given: sim, replay or eval; see pocket-ptam --help");
+  if (sim->parsed()) {
+    if (!readout.empty()) {
+      const Readout parsed = parse_readout(readout);
+      phone.readout_axis = parsed.axis;
+      phone.readout_s = parsed.seconds;
+    }
+    phone.noise = !no_noise;
+    if (suite) {
+      SuiteOptions options;
+      if (scene_option->count() > 0) options.scenes = {phone.scene};
+      options.seeds = seeds;
+      options.jobs = jobs;
+      options.phone = phone;
+      options.run = run;
+      options.out = output.out.empty() ? "out/suite" : output.out;
+      options.command = command;
+      options.version = PPTAM_VERSION;
+      return run_suite(options) == 0 ? kExitOk : kExitBroken;
+    }
+    const std::unique_ptr<platform::Camera> camera = sim::make_phone_camera(phone);
+    if (!dump.empty()) {
+      static Progress* progress = nullptr;
+      Progress shown;
+      progress = &shown;
+      sim::dump_sequence(*camera, dump, [](int done, int total) { progress->show(done, total, "written"); });
+      shown.finish();
+      std::printf("written to %s\n", dump.c_str());
+      return kExitOk;
+    }
+    return run_and_write(*camera, run, output, ground_plane_known(phone.scene), command);
+  }
+
+  if (replay->parsed()) {
+    recording.source = source;
+    recording.calibration = calibration;
+    if (!resize.empty()) parse_size(resize, &recording.resize_width, &recording.resize_height);
+    if (!readout.empty()) {
+      const Readout parsed = parse_readout(readout);
+      recording.readout_axis = parsed.axis;
+      recording.readout_s = parsed.seconds;
+    }
+    std::vector<std::string> warnings;
+    const std::unique_ptr<platform::Camera> camera = platform::open_recording(recording, &warnings);
+    for (const std::string& warning : warnings) print_warning(warning);
+    return run_and_write(*camera, run, output, false, command);
+  }
+
+  const platform::Trajectory estimate = platform::read_tum_trajectory(estimate_file);
+  const platform::Trajectory truth = platform::read_tum_trajectory(truth_file);
+  const Evaluation evaluation = evaluate(estimate, truth, estimate_file, truth_file);
+  std::vector<SummaryRow> rows = {
+      {"poses", format("%zu of %d have a time in the truth, which they cover by %.1f %%", evaluation.poses.size(),
+                       evaluation.estimate_poses, 100 * evaluation.covered_fraction)}};
+  for (SummaryRow& row : summarise(evaluation)) rows.push_back(std::move(row));
+  print_rows(rows);
+  if (!plot_file.empty()) write_file(plot_file, plot_trajectories(evaluation, truth));
+  return kExitOk;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  try {
+    return run_program(argc, argv);
+  } catch (const InputError& error) {
+    print_error(error.what());
+    return kExitBadInput;
+  } catch (const std::exception& error) {
+    print_error(error.what());
+    return kExitBroken;
+  }
+}

@@ -1,0 +1,445 @@
+#include "platform/app/run.h"
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdio>
+#include <fstream>
+#include <memory>
+#include <optional>
+
+#include "platform/app/clocks.h"
+
+namespace pptam::app {
+namespace {
+
+using platform::InputError;
+
+// A frame with its own copy of the pixels, so that the source can be asked for the next one.
+struct OwnedFrame {
+  Frame frame;
+  std::vector<uint8_t> pixels;
+
+  void copy(const Frame& source) {
+    const size_t bytes = static_cast<size_t>(source.stride_bytes) * static_cast<size_t>(source.height);
+    pixels.assign(source.data, source.data + bytes);  // the first plane: all that is read of planar formats
+    frame = source;
+    frame.data = pixels.data();
+  }
+};
+
+// The frames of a source with one frame of look-ahead: "has the next one arrived already?" needs its timestamp.
+class LookAhead {
+ public:
+  LookAhead(platform::Camera& camera, std::string* broken) : camera_(camera), broken_(broken) {}
+
+  bool advance() {  // false at the end, or when the source broke
+    if (!started_) {
+      fetch();  // errors of the first frame are the caller's: nothing has been done yet
+      started_ = true;
+    }
+    if (!next_valid_) return false;
+    std::swap(current_, next_);
+    try {
+      fetch();
+    } catch (const InputError& error) {
+      next_valid_ = false;
+      *broken_ = error.what();
+    }
+    return true;
+  }
+  const Frame& current() const { return current_.frame; }
+  std::optional<int64_t> next_timestamp_ns() const {
+    if (!next_valid_) return std::nullopt;
+    return next_.frame.timestamp_ns;
+  }
+
+ private:
+  void fetch() {
+    Frame frame;
+    next_valid_ = camera_.read(&frame);
+    if (next_valid_) next_.copy(frame);
+  }
+
+  platform::Camera& camera_;
+  std::string* broken_;
+  OwnedFrame current_, next_;
+  bool started_ = false;
+  bool next_valid_ = false;
+};
+
+Config config_for(const platform::CameraInfo& info) {
+  CameraModel model = info.model;
+  model.prepare();
+  Config config = Config::phone(model);
+  config.shutter = info.shutter;
+  config.exposure_s = info.exposure_s;
+  return config;
+}
+
+std::unique_ptr<Clock> make_clock(const RunOptions& options, const System& system) {
+  switch (options.clock) {
+    case ClockKind::kSteady:
+      return std::make_unique<SteadyClock>();
+    case ClockKind::kThrottled:
+      return std::make_unique<ThrottledClock>(options.slowdown);
+    case ClockKind::kWork:
+      break;
+  }
+  return std::make_unique<WorkClock>(system.work_meter());
+}
+
+Eigen::Isometry3d camera_to_world(const SE3& T_cw) {
+  Eigen::Isometry3d T_wc = Eigen::Isometry3d::Identity();
+  T_wc.linear() = T_cw.R.transpose().cast<double>();
+  T_wc.translation() = T_cw.centre().cast<double>();
+  return T_wc;
+}
+
+FrameLog log_of(const TrackResult& result) {
+  FrameLog log;
+  log.timestamp_ns = result.timestamp_ns;
+  log.state = result.state;
+  log.quality = result.quality;
+  log.hint = result.hint;
+  log.progress = result.progress;
+  log.limits_hit = result.limits_hit;
+  log.pose_valid = result.pose_valid;
+  log.blurred = result.blurred;
+  log.keyframe_added = result.keyframe_added;
+  if (result.pose_valid) log.T_wc = camera_to_world(result.T_cw);
+  log.points_attempted = result.points_attempted;
+  log.points_found = result.points_found;
+  log.points_inliers = result.points_inliers;
+  log.partial_attempted = result.partial_attempted;
+  log.partial_found = result.partial_found;
+  log.keyframes = result.keyframes;
+  log.map_points = result.map_points;
+  std::copy(std::begin(result.stage_ns), std::end(result.stage_ns), std::begin(log.stage_ns));
+  return log;
+}
+
+// Decides when the user taps.
+class Taps {
+ public:
+  explicit Taps(std::vector<double> taps_s) : taps_s_(std::move(taps_s)) { std::sort(taps_s_.begin(), taps_s_.end()); }
+
+  bool due(double seconds, const RunLog& log) {
+    if (taps_s_.empty()) return log.frames.empty() || log.frames.back().state == TrackingState::kWaiting;
+    bool due = false;
+    for (; next_ < taps_s_.size() && taps_s_[next_] <= seconds; ++next_) due = true;
+    return due;
+  }
+
+ private:
+  std::vector<double> taps_s_;
+  size_t next_ = 0;
+};
+
+std::ofstream open_for_writing(const std::filesystem::path& file) {
+  std::ofstream stream(file, std::ios::binary);
+  if (!stream) throw InputError(file.string() + ": cannot be written");
+  return stream;
+}
+
+void close_checked(std::ofstream& stream, const std::filesystem::path& file) {
+  stream.close();
+  if (!stream) throw InputError(file.string() + ": cannot be written, is the disk full?");
+}
+
+void write_map(const RunLog& log, const std::filesystem::path& file) {
+  std::ofstream out = open_for_writing(file);
+  out << "ply\nformat ascii 1.0\ncomment map points in world units, z = 0 is the dominant plane\n"
+      << "element vertex " << log.map_points.size() << "\n"
+      << "property float x\nproperty float y\nproperty float z\n"
+      << "property float nx\nproperty float ny\nproperty float nz\n"
+      << "property uchar red\nproperty uchar green\nproperty uchar blue\nproperty int measurements\nend_header\n";
+  char line[256];
+  for (const MapPointInfo& point : log.map_points) {
+    const int grey = point.grey;
+    std::snprintf(line, sizeof line, "%.7g %.7g %.7g %.4f %.4f %.4f %d %d %d %d\n", point.p_w.x(), point.p_w.y(),
+                  point.p_w.z(), point.normal_w.x(), point.normal_w.y(), point.normal_w.z(), grey, grey, grey,
+                  point.measurements);
+    out << line;
+  }
+  close_checked(out, file);
+}
+
+void write_frames(const RunLog& log, const std::filesystem::path& file) {
+  std::ofstream out = open_for_writing(file);
+  out << "frame,timestamp,state,quality,hint,progress,attempted,found,inliers,partial_attempted,partial_found,"
+         "keyframes,"
+         "map_points,blurred,keyframe_added,limits,instructions";
+  for (int s = 0; s < kStages; ++s) out << ',' << name_of(static_cast<Stage>(s)) << "_us";
+  out << ",track_us,late_us,mapping_us,idle_slices\n";
+  char line[512];
+  for (const FrameLog& f : log.frames) {
+    std::snprintf(line, sizeof line, "%d,%.6f,%s,%s,%s,%.3f,%d,%d,%d,%d,%d,%d,%d,%d,%d,", f.index,
+                  1e-9 * static_cast<double>(f.timestamp_ns), name_of(f.state), name_of(f.quality), name_of(f.hint),
+                  static_cast<double>(f.progress), f.points_attempted, f.points_found, f.points_inliers,
+                  f.partial_attempted, f.partial_found, f.keyframes, f.map_points, f.blurred ? 1 : 0,
+                  f.keyframe_added ? 1 : 0);
+    out << line << limit_names(f.limits_hit) << ',' << f.instructions;
+    for (const int64_t ns : f.stage_ns) out << ',' << ns / 1000;
+    out << ',' << f.track_ns / 1000 << ',' << f.late_ns / 1000 << ',' << f.mapping_ns / 1000 << ',' << f.idle_slices
+        << '\n';
+  }
+  close_checked(out, file);
+}
+
+}  // namespace
+
+RunLog run_sequence(platform::Camera& camera, const RunOptions& options, const StartObserver& on_start,
+                    const FrameObserver& on_frame) {
+  RunLog log;
+  log.camera = camera.info();
+  log.clock = options.clock;
+  const Config config = config_for(log.camera);
+  Status status = config.validate();
+  if (!status.ok()) throw InputError(log.camera.name + ": the camera cannot be used: " + status.message());
+  const size_t bytes = System::required_bytes(config);
+  log.memory_bytes = static_cast<int64_t>(bytes);
+  std::vector<std::max_align_t> memory((bytes + sizeof(std::max_align_t) - 1) / sizeof(std::max_align_t));
+  System* system = nullptr;
+  status = System::create(config, std::as_writable_bytes(std::span(memory)), &system);
+  if (!status.ok()) throw InputError(log.camera.name + ": the camera cannot be used: " + status.message());
+  const std::unique_ptr<Clock> clock = make_clock(options, *system);
+  system->set_clock(clock.get());
+
+  LookAhead source(camera, &log.broken);
+  if (!source.advance()) throw InputError(log.camera.name + ": holds no images");
+  on_start(log.camera);
+  Taps taps(options.taps_s);
+  const int64_t first_timestamp_ns = source.current().timestamp_ns;
+  const int64_t origin_ns = clock->now_ns() - first_timestamp_ns;
+  do {
+    const int index = log.source_frames++;
+    const Frame& frame = source.current();
+    const int64_t arrival_ns = origin_ns + frame.timestamp_ns;
+    const auto next_ns = source.next_timestamp_ns();
+    if (options.drop_late && next_ns && clock->now_ns() >= origin_ns + *next_ns) {
+      ++log.dropped;
+      continue;
+    }
+    const int64_t idle_from_ns = clock->now_ns();
+    int slices = 0;
+    for (; clock->now_ns() < arrival_ns && system->has_work(); ++slices) system->work_slice();
+    const int64_t idle_to_ns = clock->now_ns();
+    clock->idle_until(arrival_ns);
+
+    if (taps.due(1e-9 * static_cast<double>(frame.timestamp_ns - first_timestamp_ns), log)) system->tap();
+    const int64_t start_ns = clock->now_ns();
+    const int64_t start_instructions = system->work_meter().instructions();
+    const TrackResult result = system->track(frame);
+    if (!result.status.ok()) {
+      log.broken = log.camera.name + ": frame " + std::to_string(index) + " was refused: " + result.status.message();
+      break;
+    }
+    FrameLog entry = log_of(result);
+    const int64_t end_ns = clock->now_ns();
+    entry.index = index;
+    entry.track_ns = end_ns - start_ns;
+    entry.late_ns = end_ns - arrival_ns;
+    entry.mapping_ns = idle_to_ns - idle_from_ns;
+    entry.idle_slices = slices;
+    entry.instructions = system->work_meter().instructions() - start_instructions;
+    log.frames.push_back(entry);
+    if (on_frame) on_frame(frame, result, log);
+  } while (source.advance());
+
+  log.keyframes.resize(static_cast<size_t>(system->keyframes({})));
+  system->keyframes(log.keyframes);
+  log.map_points.resize(static_cast<size_t>(system->map_points({})));
+  system->map_points(log.map_points);
+  log.map_hash = system->map_hash();
+  return log;
+}
+
+platform::Trajectory RunLog::trajectory() const {
+  platform::Trajectory trajectory;
+  for (const FrameLog& frame : frames) {
+    if (frame.pose_valid) trajectory.push_back({frame.timestamp_ns, frame.T_wc});
+  }
+  return trajectory;
+}
+
+platform::Trajectory RunLog::keyframe_trajectory() const {
+  platform::Trajectory trajectory;
+  for (const KeyframeInfo& keyframe : keyframes) {
+    trajectory.push_back({keyframe.timestamp_ns, camera_to_world(keyframe.T_cw)});
+  }
+  std::stable_sort(
+      trajectory.begin(), trajectory.end(),
+      [](const platform::StampedPose& a, const platform::StampedPose& b) { return a.timestamp_ns < b.timestamp_ns; });
+  return trajectory;
+}
+
+const FrameLog* RunLog::first_tracked() const {
+  for (const FrameLog& frame : frames) {
+    if (frame.pose_valid) return &frame;
+  }
+  return nullptr;
+}
+
+double RunLog::seconds(int64_t timestamp_ns) const {
+  return frames.empty() ? 0 : 1e-9 * static_cast<double>(timestamp_ns - frames.front().timestamp_ns);
+}
+
+double RunLog::tracked_fraction() const {
+  int after = 0;
+  int tracked = 0;
+  for (const FrameLog& frame : frames) {
+    if (frame.pose_valid) ++tracked;
+    if (tracked > 0) ++after;
+  }
+  return after > 0 ? static_cast<double>(tracked) / after : 0;
+}
+
+CostSummary cost_of(const RunLog& log) {
+  CostSummary cost;
+  int count = 0;
+  for (const FrameLog& frame : log.frames) {
+    if (frame.state != TrackingState::kTracking) continue;
+    const double ms = 1e-6 * static_cast<double>(frame.track_ns);
+    cost.mean_ms += ms;
+    cost.worst_ms = std::max(cost.worst_ms, ms);
+    cost.mean_minstructions += 1e-6 * static_cast<double>(frame.instructions);
+    ++count;
+  }
+  if (count > 0) {
+    cost.mean_ms /= count;
+    cost.mean_minstructions /= count;
+  }
+  return cost;
+}
+
+const char* name_of(TrackingState state) {
+  switch (state) {
+    case TrackingState::kWaiting:
+      return "waiting";
+    case TrackingState::kInitialising:
+      return "initialising";
+    case TrackingState::kTracking:
+      return "tracking";
+    case TrackingState::kLost:
+      return "lost";
+  }
+  return "?";
+}
+
+const char* name_of(TrackingQuality quality) {
+  switch (quality) {
+    case TrackingQuality::kBad:
+      return "bad";
+    case TrackingQuality::kPoor:
+      return "poor";
+    case TrackingQuality::kGood:
+      return "good";
+  }
+  return "?";
+}
+
+const char* name_of(Hint hint) {
+  switch (hint) {
+    case Hint::kNone:
+      return "none";
+    case Hint::kTap:
+      return "tap";
+    case Hint::kMoveSideways:
+      return "move_sideways";
+    case Hint::kOnlyRotating:
+      return "only_rotating";
+    case Hint::kTooLittleTexture:
+      return "too_little_texture";
+    case Hint::kTooFast:
+      return "too_fast";
+    case Hint::kStartLost:
+      return "start_lost";
+    case Hint::kReturnToKnownView:
+      return "return_to_known_view";
+  }
+  return "?";
+}
+
+const char* sentence_for(Hint hint) {
+  switch (hint) {
+    case Hint::kNone:
+      return "";
+    case Hint::kTap:
+      return "tap to start";
+    case Hint::kMoveSideways:
+      return "move sideways";
+    case Hint::kOnlyRotating:
+      return "only turning: move sideways";
+    case Hint::kTooLittleTexture:
+      return "too little texture";
+    case Hint::kTooFast:
+      return "too fast";
+    case Hint::kStartLost:
+      return "first view lost: start again";
+    case Hint::kReturnToKnownView:
+      return "go back to a known view";
+  }
+  return "";
+}
+
+const char* name_of(Stage stage) {
+  switch (stage) {
+    case Stage::kPyramid:
+      return "pyramid";
+    case Stage::kRotation:
+      return "rotation";
+    case Stage::kSearch:
+      return "search";
+    case Stage::kPose:
+      return "pose";
+    case Stage::kPartial:
+      return "partial";
+    case Stage::kInitialise:
+      return "initialise";
+    case Stage::kKeyframe:
+      return "keyframe";
+    case Stage::kCount:
+      break;
+  }
+  return "?";
+}
+
+const char* name_of(ClockKind clock) {
+  switch (clock) {
+    case ClockKind::kWork:
+      return "work";
+    case ClockKind::kSteady:
+      return "steady";
+    case ClockKind::kThrottled:
+      return "throttled";
+  }
+  return "?";
+}
+
+std::string limit_names(uint32_t limits_hit) {
+  constexpr struct {
+    LimitBits bit;
+    const char* name;
+  } kLimits[] = {{kLimitKeyframes, "max_keyframes"},
+                 {kLimitMapPoints, "max_map_points"},
+                 {kLimitPartialPoints, "max_partial_points"},
+                 {kLimitMeasuredPoints, "max_measured_points"}};
+  std::string names;
+  for (const auto& limit : kLimits) {
+    if ((limits_hit & limit.bit) == 0) continue;
+    if (!names.empty()) names += '|';
+    names += limit.name;
+  }
+  return names;
+}
+
+void write_text_outputs(const RunLog& log, const std::filesystem::path& folder) {
+  platform::write_tum_trajectory(folder / "trajectory.txt", log.trajectory(),
+                                 "timestamp tx ty tz qx qy qz qw, camera-to-world, world units");
+  platform::write_tum_trajectory(folder / "keyframes.txt", log.keyframe_trajectory(),
+                                 "timestamp tx ty tz qx qy qz qw, camera-to-world, world units");
+  write_map(log, folder / "map.ply");
+  write_frames(log, folder / "frames.csv");
+}
+
+}  // namespace pptam::app

@@ -1,0 +1,30 @@
+// Many runs on the emulated phone, scenes times seeds, as one table: the program's own yardstick.
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "platform/app/run.h"
+#include "sim_phone/phone_camera.h"
+
+namespace pptam::app {
+
+struct SuiteOptions {
+  std::vector<std::string> scenes = {"desk", "boxes", "walls"};
+  int seeds = 5;            // 1 to seeds
+  int jobs = 1;             // threads; the results do not depend on it with the work clock
+  sim::PhoneOptions phone;  // but for scene and seed
+  RunOptions run;
+  std::filesystem::path out;  // suite.csv and suite.html are written here
+  std::string command, version;
+};
+
+// Prints the table; throws InputError on options that make no sense, before anything is written. Returns the number of
+// runs that broke.
+int run_suite(const SuiteOptions& options);
+
+// Is the truth's z = 0 the dominant plane of this scene?
+bool ground_plane_known(const std::string& scene);
+
+}  // namespace pptam::app

@@ -1,0 +1,35 @@
+// Recorded sequences as cameras: TUM RGB-D folders, EuRoC folders, folders and lists of images, video files.
+//
+// Images without timestamps are evenly spaced in time, from 0. Frames of a video are so too, at its mean frame rate.
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <optional>
+
+#include "platform/camera.h"
+
+namespace pptam::platform {
+
+// What the user said about a recording; everything else is read from the source.
+struct RecordingOptions {
+  // A folder (TUM with rgb.txt; EuRoC, also its mav0 or cam0; or images, in natural order), a list like TUM's rgb.txt,
+  // an image pattern with one %d or %0Nd, or a video file. EuRoC's sensor.yaml is used when no calibration is given.
+  std::filesystem::path source;
+  std::filesystem::path calibration;  // empty: fov_degrees is used
+  double fov_degrees = 0;             // horizontal field of view of the source image, when there is no calibration
+  int resize_width = 0;               // after rotation; 0: keep
+  int resize_height = 0;
+  int every = 1;           // keep one frame of so many
+  double fps = 0;          // of the source, for images without timestamps (default 30); overrides a video's
+  int rotate_degrees = 0;  // clockwise: 0, 90, 180, 270
+  // Rolling shutter of the source image, before rotation and resizing; overrides the calibration's.
+  std::optional<RollingShutter::Axis> readout_axis;
+  std::optional<double> readout_s;  // signed: positive when larger coordinates are exposed later
+};
+
+// Opens a recording. Throws InputError naming the file and the remedy. warnings (may be null) receives one-line remarks
+// for the user, such as "no calibration: assuming a field of view of 50 degrees".
+std::unique_ptr<Camera> open_recording(const RecordingOptions& options, std::vector<std::string>* warnings);
+
+}  // namespace pptam::platform

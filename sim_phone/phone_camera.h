@@ -1,0 +1,42 @@
+// The emulated phone: a scene, a hand that moves, and a rolling-shutter image sensor, as a platform::Camera.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "platform/camera.h"
+
+namespace pptam::sim {
+
+struct PhoneOptions {
+  std::string scene = "desk";   // one of scene_names()
+  std::string motion = "calm";  // one of motion_names()
+  uint64_t seed = 1;            // of the scene's details, the hand's motion and the sensor's noise
+  double duration_s = 20;
+  int width = 240;  // portrait
+  int height = 320;
+  double horizontal_fov_degrees = 37;
+  double frames_per_s = 15;
+  RollingShutter::Axis readout_axis = RollingShutter::Axis::kColumns;
+  double readout_s = -0.060;  // signed: the phone's left edge is exposed last [phone 6]; 0 is a global shutter
+  double exposure_s = 0.030;
+  bool noise = true;            // shot and read noise, vignetting, auto-exposure, gamma
+  double drop_probability = 0;  // of each frame
+};
+
+std::vector<std::string> scene_names();  // "desk", "boxes", "walls", "checkerboard"
+// "calm": hold still, move sideways, then explore. "still": as on a tripod. "pure_rotation": turns about a fixed point.
+std::vector<std::string> motion_names();
+
+// Throws platform::InputError on options that make no sense, naming the option.
+std::unique_ptr<platform::Camera> make_phone_camera(const PhoneOptions& options);
+
+// Writes everything that the camera delivers in the TUM RGB-D layout: rgb/*.png, rgb.txt, groundtruth.txt and
+// calibration.yaml (Kalibr's form with our readout keys), so that other programs can be run on it. Calls progress(done,
+// total) after each frame. The folder must be new or empty.
+void dump_sequence(platform::Camera& camera, const std::filesystem::path& folder, void (*progress)(int, int));
+
+}  // namespace pptam::sim

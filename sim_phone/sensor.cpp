@@ -1,0 +1,315 @@
+#include "sim_phone/sensor.h"
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <utility>
+
+#include "sim_phone/random.h"
+
+namespace pptam::sim {
+namespace {
+
+using Eigen::Isometry3d;
+using Eigen::Matrix3d;
+using Eigen::Quaterniond;
+
+constexpr int kPoses = 129;      // over one frame: under 1 ms apart, interpolation errors far below 1e-3 px
+constexpr int kMinSamples = 8;   // per pixel, a power of two
+constexpr int kMaxSamples = 32;  // in fast motion: about one a pixel of blur
+constexpr double kNear_m = 0.02;
+
+// With the nominal gain, full scale is kElectrons: 2.1 grey levels rms at mid grey (0.22 of full scale, where gamma
+// makes 265 grey levels of one unit), of them 1.7 shot noise and 1.1 read noise; 3.8 in the shadows (0.03 of full
+// scale).
+constexpr double kElectrons = 5200;
+constexpr double kReadNoise = 0.0042;  // of full scale
+constexpr double kGamma = 2.2;
+
+constexpr double kTargetMean = 0.27;  // auto-exposure: mean of the linear image
+constexpr double kExposureLag_s = 0.5;
+constexpr double kNominalGain = 0.7;  // at which the noise is as stated
+
+// log2 by the exponent and a linear mantissa: continuous, at most 0.09 wrong.
+float rough_log2(float x) {
+  return static_cast<float>(std::bit_cast<int32_t>(x)) * 0x1.0p-23f - 127.0f;
+}
+
+// Normal distribution from the sum of four 16-bit uniforms, rms 1, at most 3.46.
+float rough_gaussian(uint64_t bits) {
+  const int sum = static_cast<int>(bits & 0xffff) + static_cast<int>((bits >> 16) & 0xffff) +
+                  static_cast<int>((bits >> 32) & 0xffff) + static_cast<int>(bits >> 48);
+  return (static_cast<float>(sum) - 131070.0f) * (1.7320508f / 65536.0f);
+}
+
+// Where in the pixel, in the exposure and between mip levels a sample lies. Units: pixels, exposures, levels.
+struct SamplePoint {
+  double x, y, time;
+  float level;
+};
+
+// count = 2^bits points, centred on zero. Each coordinate alone takes count evenly spaced values, so that an upright or
+// level edge and a moving one are integrated exactly to 1/count; together they are spread as by Hammersley.
+std::array<SamplePoint, kMaxSamples> sample_points(int count) {
+  const auto reversed = [count](int i) {
+    int r = 0;
+    for (int bit = 1; bit < count; bit *= 2) r = 2 * r + ((i & bit) != 0 ? 1 : 0);
+    return r;
+  };
+  std::array<SamplePoint, kMaxSamples> points{};
+  for (int i = 0; i < count; ++i) {
+    const auto centred = [count](int k) { return (k % count + 0.5) / count - 0.5; };
+    const double level = (reversed((i * 5 + 3) % count) + 0.5) / count;
+    points[static_cast<size_t>(i)] = {centred(3 * i), centred(reversed(i)), centred(i), static_cast<float>(level)};
+  }
+  return points;
+}
+
+}  // namespace
+
+// A surface as one line sees it. At place s along the line, sample k sees texel (u, v) / w with inverse depth w, each
+// linear in s.
+struct Sensor::Candidate {
+  const Surface* surface = nullptr;
+  int first = 0;  // part of the line that it can cover
+  int last = 0;
+  float width = 0;  // texels
+  float height = 0;
+  struct Linear {
+    float u0, u1, v0, v1, w0, w1;
+    float log2_area;  // of a pixel in texels at w = 1
+  };
+  std::array<Linear, kMaxSamples> samples;
+};
+
+Sensor::Sensor(const Scene& scene, MotionCurve motion, const SensorOptions& options)
+    : scene_(scene), motion_(std::move(motion)), options_(options) {
+  const CameraModel& m = options_.model;
+  columns_ = options_.shutter.axis == RollingShutter::Axis::kColumns;
+  lines_ = columns_ ? m.width : m.height;
+  line_length_ = columns_ ? m.height : m.width;
+  table_rotation_.resize(kPoses);
+  table_position_.resize(kPoses);
+  const size_t pixels = static_cast<size_t>(m.width) * static_cast<size_t>(m.height);
+  linear_.resize(pixels);
+  vignetting_.resize(pixels);
+  candidates_.resize(scene_.surfaces.size());
+  for (int y = 0; y < m.height; ++y) {
+    for (int x = 0; x < m.width; ++x) {
+      const float a = (static_cast<float>(x) - m.cx) / m.fx;
+      const float b = (static_cast<float>(y) - m.cy) / m.fy;
+      const float cos_sq = 1 / (1 + a * a + b * b);  // natural vignetting falls with cos^4
+      vignetting_[static_cast<size_t>(y * m.width + x)] = cos_sq * cos_sq;
+    }
+  }
+}
+
+Sensor::~Sensor() = default;
+
+void Sensor::expose(double t_s, uint64_t frame_index, uint8_t* out) {
+  integrate(t_s);
+  if (options_.noise) {
+    develop(t_s, frame_index, out);
+  } else {
+    for (size_t i = 0; i < linear_.size(); ++i) {
+      out[i] = static_cast<uint8_t>(std::clamp(255.0f * linear_[i] + 0.5f, 0.0f, 255.0f));
+    }
+  }
+}
+
+Isometry3d Sensor::pose(double t_s) const {
+  const double place = std::clamp((t_s - table_start_s_) / table_step_s_, 0.0, kPoses - 1.001);
+  const size_t i = static_cast<size_t>(place);
+  const double f = place - static_cast<double>(i);
+  Isometry3d T = Isometry3d::Identity();
+  const Eigen::Vector4d q = (1 - f) * table_rotation_[i].coeffs() + f * table_rotation_[i + 1].coeffs();
+  T.linear() = Quaterniond(q).normalized().toRotationMatrix();
+  T.translation() = (1 - f) * table_position_[i] + f * table_position_[i + 1];
+  return T;
+}
+
+void Sensor::integrate(double t_s) {
+  const double readout_s = std::abs(static_cast<double>(options_.shutter.line_time_s)) * lines_;
+  const double span_s = std::max(readout_s + options_.exposure_s, 1e-6);
+  table_start_s_ = t_s - 0.5 * span_s;
+  table_step_s_ = span_s / (kPoses - 1);
+  for (size_t i = 0; i < kPoses; ++i) {
+    const Isometry3d T = motion_(table_start_s_ + static_cast<double>(i) * table_step_s_);
+    Quaterniond q(T.linear());
+    if (i > 0 && q.dot(table_rotation_[i - 1]) < 0) q.coeffs() = -q.coeffs();
+    table_rotation_[i] = q;
+    table_position_[i] = T.translation();
+  }
+  for (int line = 0; line < lines_; ++line) render_line(line, t_s);
+}
+
+void Sensor::render_line(int line, double t_s) {
+  const CameraModel& m = options_.model;
+  const double line_t_s = t_s + (line - 0.5 * (lines_ - 1)) * static_cast<double>(options_.shutter.line_time_s);
+  const Isometry3d early = pose(line_t_s - 0.5 * options_.exposure_s).inverse();
+  const Isometry3d middle = pose(line_t_s).inverse();
+  const Isometry3d late = pose(line_t_s + 0.5 * options_.exposure_s).inverse();
+  Matrix3d K_inv = Matrix3d::Identity();
+  K_inv << 1.0 / m.fx, 0, -m.cx / m.fx, 0, 1.0 / m.fy, -m.cy / m.fy, 0, 0, 1;
+  const auto project = [&](const Vector3d& p) {
+    return Vector2d(m.fx * p.x() / p.z() + m.cx, m.fy * p.y() / p.z() + m.cy);
+  };
+
+  // Which surfaces can be seen, and in which part of the line.
+  size_t candidates = 0;
+  double blur_px = 0;
+  for (const Surface& s : scene_.surfaces) {
+    const Vector3d normal = s.v_axis.cross(s.u_axis);
+    const Vector3d camera = pose(line_t_s).translation();
+    if (normal.dot(camera - s.origin) <= 0) continue;
+    Vector2d low(1e9, 1e9), high(-1e9, -1e9);
+    bool whole = false;
+    for (int corner = 0; corner < 4; ++corner) {
+      const Vector3d p =
+          s.origin + (corner & 1 ? s.width_m : 0.0) * s.u_axis + (corner & 2 ? s.height_m : 0.0) * s.v_axis;
+      for (const Isometry3d* T : {&early, &middle, &late}) {
+        const Vector3d p_c = *T * p;
+        if (p_c.z() < kNear_m) {
+          whole = true;
+        } else {
+          const Vector2d px = project(p_c);
+          low = low.cwiseMin(px);
+          high = high.cwiseMax(px);
+        }
+      }
+    }
+    Candidate& c = candidates_[candidates];
+    c.first = 0;
+    c.last = line_length_ - 1;
+    if (!whole) {
+      constexpr double kMargin = 2;  // half a pixel, and what the motion's curvature may add
+      const int across = columns_ ? 0 : 1;
+      const int along = 1 - across;
+      if (line < low[across] - kMargin || line > high[across] + kMargin) continue;
+      c.first = static_cast<int>(std::max(0.0, low[along] - kMargin));
+      c.last = static_cast<int>(std::min(line_length_ - 1.0, high[along] + kMargin));
+      if (c.first > c.last) continue;
+    }
+    c.surface = &s;
+    c.width = static_cast<float>(s.width_m / s.texel_m);
+    c.height = static_cast<float>(s.height_m / s.texel_m);
+    ++candidates;
+  }
+  // The blur near the line's ends, for things at a short arm's length.
+  for (const double along : {0.1, 0.9}) {
+    const double s = along * (line_length_ - 1);
+    const Vector3d ray = K_inv * (columns_ ? Vector3d(line, s, 1) : Vector3d(s, line, 1));
+    const Vector3d p = middle.inverse() * (0.4 * ray);
+    const Vector3d a = early * p;
+    const Vector3d b = late * p;
+    if (a.z() > kNear_m && b.z() > kNear_m) blur_px = std::max(blur_px, (project(a) - project(b)).norm());
+  }
+  int samples = kMinSamples;
+  while (samples < blur_px && samples < kMaxSamples) samples *= 2;
+  const auto points = sample_points(samples);
+
+  for (int k = 0; k < samples; ++k) {
+    const SamplePoint& point = points[static_cast<size_t>(k)];
+    const Isometry3d T_wc = pose(line_t_s + point.time * options_.exposure_s);
+    const Matrix3d rays = T_wc.linear() * K_inv;  // pixel to direction in the world, of depth 1
+    const Vector3d& o = T_wc.translation();
+    for (size_t i = 0; i < candidates; ++i) {
+      Candidate& c = candidates_[i];
+      const Surface& s = *c.surface;
+      // The ray o + d / w meets the plane where w = n.d / n.(origin - o); there u w = U.(o - origin) w + U.d.
+      const Vector3d normal = s.v_axis.cross(s.u_axis);
+      const Vector3d from_origin = o - s.origin;
+      Matrix3d H;
+      H.row(2) = (rays.transpose() * normal).transpose() / -normal.dot(from_origin);
+      H.row(0) = (from_origin.dot(s.u_axis) * H.row(2) + s.u_axis.transpose() * rays) / s.texel_m;
+      H.row(1) = (from_origin.dot(s.v_axis) * H.row(2) + s.v_axis.transpose() * rays) / s.texel_m;
+      const double x = columns_ ? line + point.x : point.x;
+      const double y = columns_ ? point.y : line + point.y;
+      const Vector3d start = H * Vector3d(x, y, 1);
+      const Vector3d step = H.col(columns_ ? 1 : 0);
+      // The map from pixels to texels stretches areas by det H / w^3.
+      const float log2_area = static_cast<float>(std::log2(std::abs(H.determinant()) + 1e-12));
+      c.samples[static_cast<size_t>(k)] = {static_cast<float>(start[0]),
+                                           static_cast<float>(step[0]),
+                                           static_cast<float>(start[1]),
+                                           static_cast<float>(step[1]),
+                                           static_cast<float>(start[2]),
+                                           static_cast<float>(step[2]),
+                                           log2_area};
+    }
+  }
+
+  // Samples lie closer than pixels do: filter to half a pixel, the rest is their mean's work.
+  constexpr float kSharper = -1.0f;
+  constexpr float kSeam_texels = 0.02f;  // neighbouring surfaces overlap by this, so that rounding leaves no cracks
+  float* const out = linear_.data() + (columns_ ? line : line * m.width);
+  const int out_step = columns_ ? m.width : 1;
+  const float mean = 1.0f / static_cast<float>(samples);
+  for (int place = 0; place < line_length_; ++place) {
+    const float s = static_cast<float>(place);
+    float sum = 0;
+    for (int k = 0; k < samples; ++k) {
+      const Candidate* nearest = nullptr;
+      float nearest_w = 0, nearest_u = 0, nearest_v = 0;
+      for (size_t i = 0; i < candidates; ++i) {
+        const Candidate& c = candidates_[i];
+        if (place < c.first || place > c.last) continue;
+        const Candidate::Linear& l = c.samples[static_cast<size_t>(k)];
+        const float w = l.w0 + l.w1 * s;
+        if (w <= nearest_w) continue;
+        const float u = l.u0 + l.u1 * s;
+        const float v = l.v0 + l.v1 * s;
+        const float seam = kSeam_texels * w;
+        if (u < -seam || v < -seam || u > c.width * w + seam || v > c.height * w + seam) continue;
+        nearest = &c;
+        nearest_w = w;
+        nearest_u = u;
+        nearest_v = v;
+      }
+      if (nearest == nullptr) {
+        sum += scene_.background;
+        continue;
+      }
+      const float log2_area = nearest->samples[static_cast<size_t>(k)].log2_area - 3 * rough_log2(nearest_w);
+      // Levels are chosen at random in proportion to their distance, which over the samples is trilinear filtering.
+      const float level = 0.5f * log2_area + kSharper + points[static_cast<size_t>(k)].level;
+      const Texture& texture = nearest->surface->texture;
+      const int top = static_cast<int>(texture.levels.size()) - 1;
+      const int chosen = level <= 0 ? 0 : std::min(static_cast<int>(level), top);
+      const float scale = 1 / nearest_w;
+      sum += texture.sample(nearest_u * scale, nearest_v * scale, chosen) * nearest->surface->light * (1.0f / 65535.0f);
+    }
+    out[place * out_step] = sum * mean;
+  }
+}
+
+void Sensor::develop(double t_s, uint64_t frame_index, uint8_t* out) {
+  double total = 0;
+  for (size_t i = 0; i < linear_.size(); ++i) {
+    linear_[i] *= vignetting_[i];
+    total += static_cast<double>(linear_[i]);
+  }
+  const double metered = kTargetMean / std::max(total / static_cast<double>(linear_.size()), 1e-3);
+  if (gain_ == 0) {
+    gain_ = metered;  // the camera has been running before its first image
+    last_t_s_ = t_s;
+  }
+  const float gain = static_cast<float>(gain_);
+  const float relative = static_cast<float>(gain_ / kNominalGain);
+  const float shot = relative / static_cast<float>(kElectrons);
+  const float read = relative * relative * static_cast<float>(kReadNoise * kReadNoise);
+  const uint64_t stream = mixed(mixed(options_.seed) ^ (frame_index + 0x5e5));
+  for (size_t i = 0; i < linear_.size(); ++i) {
+    const float light = gain * linear_[i];
+    const float noisy = light + std::sqrt(light * shot + read) * rough_gaussian(mixed(stream + i));
+    const float grey = 255.0f * std::pow(std::clamp(noisy, 0.0f, 1.0f), static_cast<float>(1 / kGamma));
+    out[i] = static_cast<uint8_t>(grey + 0.5f);
+  }
+  // The gain for the next image moves towards what this one asks for.
+  const double share = 1 - std::exp(-(t_s - last_t_s_) / kExposureLag_s);
+  gain_ *= std::pow(metered / gain_, std::max(share, 0.05));
+  last_t_s_ = t_s;
+}
+
+}  // namespace pptam::sim

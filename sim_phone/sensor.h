@@ -1,0 +1,63 @@
+// The phone's image sensor: a pinhole with a rolling shutter, motion blur, vignetting, noise, gamma and auto-exposure.
+//
+// Each line (column or row) is exposed for exposure_s centred on its own time. A pixel is the mean of several samples,
+// spread over its area and over the exposure, of the scene in linear light.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "pocket_ptam.h"
+#include "sim_phone/motion.h"
+#include "sim_phone/scene.h"
+
+namespace pptam::sim {
+
+struct SensorOptions {
+  CameraModel model;  // without distortion
+  RollingShutter shutter;
+  double exposure_s = 0;
+  bool noise = true;  // false: no noise, vignetting, gamma or auto-exposure; grey = 255 * light * reflectance
+  uint64_t seed = 1;
+};
+
+class Sensor {
+ public:
+  // The scene must outlive the sensor.
+  Sensor(const Scene& scene, MotionCurve motion, const SensorOptions& options);
+  ~Sensor();
+  Sensor(const Sensor&) = delete;
+  Sensor& operator=(const Sensor&) = delete;
+
+  // Takes the image whose centre has its mid-exposure at t_s, width * height grey pixels. frame_index selects the
+  // noise; auto-exposure follows the images taken so far.
+  void expose(double t_s, uint64_t frame_index, uint8_t* out);
+
+ private:
+  struct Candidate;
+  void integrate(double t_s);                                    // fills linear_
+  void develop(double t_s, uint64_t frame_index, uint8_t* out);  // linear_ to grey
+  void render_line(int line, double t_s);
+  Eigen::Isometry3d pose(double t_s) const;  // from the table
+
+  const Scene& scene_;
+  MotionCurve motion_;
+  SensorOptions options_;
+  bool columns_;  // lines are columns
+  int lines_;
+  int line_length_;
+
+  // Poses over one frame's exposure, evenly spaced; interpolated linearly between.
+  std::vector<Eigen::Quaterniond> table_rotation_;
+  std::vector<Vector3d> table_position_;
+  double table_start_s_ = 0;
+  double table_step_s_ = 0;
+
+  std::vector<float> linear_;      // light at each pixel
+  std::vector<float> vignetting_;  // factor at each pixel
+  std::vector<Candidate> candidates_;
+  double gain_ = 0;  // 0: nothing metered yet
+  double last_t_s_ = 0;
+};
+
+}  // namespace pptam::sim

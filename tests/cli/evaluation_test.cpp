@@ -1,0 +1,236 @@
+// The judge itself: known errors go in, the same errors must come out.
+#include "platform/app/evaluation.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <numbers>
+#include <string>
+
+#include "platform/camera.h"
+#include "tests/support/random.h"
+
+namespace pptam::app {
+namespace {
+
+using Eigen::AngleAxisd;
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+using platform::InputError;
+using platform::StampedPose;
+using platform::Trajectory;
+
+constexpr double kRadians = std::numbers::pi / 180;
+constexpr int64_t kFrameNs = 50'000'000;  // 20 Hz
+
+// A hand's path: about one unit wide, curved in all directions, the camera turning a little.
+Trajectory wavy_path(int poses) {
+  Trajectory path;
+  for (int i = 0; i < poses; ++i) {
+    const double t = 0.05 * i;
+    StampedPose pose;
+    pose.timestamp_ns = i * kFrameNs;
+    pose.T_wc.translation() = Vector3d(0.5 * std::sin(t), 0.3 * std::cos(0.7 * t), 1 + 0.1 * std::sin(1.3 * t));
+    pose.T_wc.linear() =
+        (AngleAxisd(0.2 * std::sin(t), Vector3d::UnitX()) * AngleAxisd(0.3 * std::cos(0.5 * t), Vector3d::UnitZ()))
+            .toRotationMatrix();
+    path.push_back(pose);
+  }
+  return path;
+}
+
+Trajectory transformed(const Trajectory& path, double scale, const Matrix3d& R, const Vector3d& t) {
+  Trajectory moved = path;
+  for (StampedPose& pose : moved) {
+    pose.T_wc.linear() = R * pose.T_wc.linear();
+    pose.T_wc.translation() = scale * (R * pose.T_wc.translation()) + t;
+  }
+  return moved;
+}
+
+Evaluation judge(const Trajectory& estimate, const Trajectory& truth) {
+  return evaluate(estimate, truth, "estimate.txt", "truth.txt");
+}
+
+std::string refusal(const Trajectory& estimate, const Trajectory& truth) {
+  try {
+    judge(estimate, truth);
+  } catch (const InputError& error) {
+    return error.what();
+  }
+  return "";
+}
+
+// Double arithmetic on numbers of order 10 through an SVD: 1e-13 or so; 1e-9 leaves room and is far below any error
+// that matters.
+constexpr double kExact = 1e-9;
+
+TEST(Evaluation, KnownSimilarityGivesZeroError) {
+  test::Random random;
+  for (int round = 0; round < 20; ++round) {
+    const Trajectory truth = wavy_path(200);
+    const Vector3d axis(random.gaussian(), random.gaussian(), random.gaussian());
+    const Matrix3d R = AngleAxisd(random.uniform(-3, 3), axis.normalized()).toRotationMatrix();
+    const double scale = random.uniform(0.05, 20);
+    const Vector3d t(random.uniform(-5, 5), random.uniform(-5, 5), random.uniform(-5, 5));
+    const Evaluation e = judge(transformed(truth, scale, R, t), truth);
+    EXPECT_EQ(e.poses.size(), truth.size());
+    EXPECT_NEAR(e.ate_max, 0, kExact);
+    EXPECT_NEAR(e.alignment.scale * scale, 1, kExact);
+    EXPECT_NEAR((e.alignment.R * R - Matrix3d::Identity()).norm(), 0, kExact);
+    EXPECT_NEAR(e.relative_translation, 0, kExact);
+    EXPECT_NEAR(e.relative_rotation_deg, 0, 1e-5);  // an angle from a matrix near identity: sqrt(1e-16) radians
+    EXPECT_EQ(e.relative_pairs, 180);               // 200 poses, steps of 20
+    EXPECT_EQ(e.wrong_poses, 0);
+    EXPECT_DOUBLE_EQ(e.covered_fraction, 1);
+  }
+}
+
+TEST(Evaluation, WhatNoSimilarityExplainsShows) {  // negative control of the test above
+  const Trajectory truth = wavy_path(200);
+  Trajectory stretched = truth;
+  for (StampedPose& pose : stretched) pose.T_wc.translation().x() *= 1.05;
+  const Evaluation e = judge(stretched, truth);
+  EXPECT_GT(e.ate_rmse, 1e-3);
+  EXPECT_GT(e.relative_translation, 1e-3);
+}
+
+TEST(Evaluation, PositionNoiseComesBackAsItsRms) {
+  test::Random random;
+  constexpr int kPoses = 2000;
+  const Trajectory truth = wavy_path(kPoses);
+  const auto measured = [&](double sigma) {
+    Trajectory noisy = truth;
+    for (StampedPose& pose : noisy) {
+      pose.T_wc.translation() += sigma * Vector3d(random.gaussian(), random.gaussian(), random.gaussian());
+    }
+    return judge(noisy, truth);
+  };
+  // The rms of 3 n Gaussian residuals, of which the alignment takes 7, is sigma sqrt(3 - 7/n) within a relative
+  // standard deviation of 1/sqrt(6 n) = 0.9 %. Five of them: 4.6 %.
+  constexpr double kSigma = 0.003;
+  const double expected = kSigma * std::sqrt(3.0 - 7.0 / kPoses);
+  const Evaluation e = measured(kSigma);
+  EXPECT_NEAR(e.ate_rmse / expected, 1, 0.046);
+  // The median of the norm of a 3-D Gaussian is 1.5382 sigma; its relative standard deviation is about
+  // 1/(2 f m sqrt(n)) = 1.3 % with density f = 0.57 at m. Five of them: 7 %.
+  EXPECT_NEAR(e.ate_median / (1.5382 * kSigma), 1, 0.07);
+  // Two poses' noise in every relative step: sqrt(2) times.
+  EXPECT_NEAR(e.relative_translation / (std::sqrt(6.0) * kSigma), 1, 0.046);
+  EXPECT_EQ(e.wrong_poses, 0);
+  EXPECT_GT(std::abs(measured(1.2 * kSigma).ate_rmse / expected - 1), 0.046);  // the tolerance can fail
+}
+
+TEST(Evaluation, InjectedWrongPosesAreCountedAndDoNotSpoilTheOthers) {
+  test::Random random;
+  const Trajectory truth = wavy_path(300);
+  for (const double share : {0.05, 0.2, 0.4}) {
+    Trajectory estimate = transformed(truth, 0.3, AngleAxisd(0.8, Vector3d::UnitY()).toRotationMatrix(), {1, 2, 3});
+    int injected = 0;
+    for (StampedPose& pose : estimate) {
+      if (random.uniform(0, 1) > share) continue;
+      pose.T_wc.translation() += Vector3d(random.uniform(1, 4), random.uniform(1, 4), random.uniform(-4, 4));
+      ++injected;
+    }
+    const Evaluation e = judge(estimate, truth);
+    EXPECT_EQ(e.wrong_poses, injected) << share;
+    EXPECT_NEAR(e.robust_alignment.scale * 0.3, 1, 1e-6) << share;
+    EXPECT_GT(std::abs(e.alignment.scale * 0.3 - 1), 0.1) << "the plain alignment should be spoiled";
+  }
+}
+
+TEST(Evaluation, TurnedPosesAreWrongBeyondTheLimitOnly) {
+  const Trajectory truth = wavy_path(200);
+  const auto wrong_with_turns_of = [&](double degrees) {
+    Trajectory estimate = truth;
+    for (size_t i = 0; i < estimate.size(); i += 10) {
+      estimate[i].T_wc.rotate(AngleAxisd(degrees * kRadians, Vector3d(1, 2, 2) / 3));
+    }
+    return judge(estimate, truth).wrong_poses;
+  };
+  EXPECT_EQ(wrong_with_turns_of(kWrongRotationDeg - 0.1), 0);
+  EXPECT_EQ(wrong_with_turns_of(kWrongRotationDeg + 0.1), 20);
+}
+
+TEST(Evaluation, ShiftedPosesAreWrongBeyondTheLimitOnly) {
+  const Trajectory truth = wavy_path(200);
+  const double extent = judge(truth, truth).extent;
+  const auto wrong_with_shift_of = [&](double extents) {
+    Trajectory estimate = truth;
+    for (size_t i = 0; i < estimate.size(); i += 10) estimate[i].T_wc.translation().z() += extents * extent;
+    return judge(estimate, truth).wrong_poses;
+  };
+  EXPECT_EQ(wrong_with_shift_of(kWrongExtentFraction - 0.01), 0);
+  EXPECT_EQ(wrong_with_shift_of(kWrongExtentFraction + 0.01), 20);
+}
+
+TEST(Evaluation, SteadyTurningIsTheRelativeRotation) {
+  Trajectory truth = wavy_path(200);
+  Trajectory estimate = truth;
+  for (size_t i = 0; i < truth.size(); ++i) {
+    truth[i].T_wc.linear().setIdentity();
+    const double seconds = 1e-9 * static_cast<double>(truth[i].timestamp_ns);
+    estimate[i].T_wc.linear() = AngleAxisd(0.3 * kRadians * seconds, Vector3d::UnitY()).toRotationMatrix();
+  }
+  EXPECT_NEAR(judge(estimate, truth).relative_rotation_deg, 0.3, 1e-6);
+}
+
+TEST(Evaluation, VerticalErrorIsTheTiltOfTheWorld) {
+  const Trajectory truth = wavy_path(200);
+  const auto vertical_after = [&](const Vector3d& axis, double degrees) {
+    const Matrix3d R = AngleAxisd(degrees * kRadians, axis).toRotationMatrix();
+    return judge(transformed(truth, 2, R, Vector3d::Zero()), truth).vertical_error_deg;
+  };
+  EXPECT_NEAR(vertical_after(Vector3d::UnitX(), 7), 7, 1e-6);
+  EXPECT_NEAR(vertical_after(Vector3d::UnitZ(), 70), 0, 1e-6);  // north is free
+}
+
+TEST(Evaluation, StraightPathsHaveADirectionToo) {
+  Trajectory truth = wavy_path(100);
+  for (size_t i = 0; i < truth.size(); ++i) truth[i].T_wc.translation() = Vector3d(0.01 * static_cast<double>(i), 0, 1);
+  const Matrix3d R = AngleAxisd(0.5, Vector3d(1, 1, 0).normalized()).toRotationMatrix();
+  const Evaluation e = judge(transformed(truth, 0.1, R, {1, 1, 1}), truth);
+  EXPECT_NEAR(e.ate_max, 0, kExact);
+  EXPECT_EQ(e.wrong_poses, 0);
+  EXPECT_NEAR(e.vertical_error_deg, 0.5 / kRadians, 1e-6);  // a turn about a horizontal axis
+}
+
+TEST(Evaluation, TakesTheNearestPoseInTime) {
+  const Trajectory truth = wavy_path(200);
+  Trajectory estimate = truth;
+  // 20 Hz: half an interval is 25 ms. 24 ms late still belongs to its own frame.
+  for (StampedPose& pose : estimate) pose.timestamp_ns += 24'000'000;
+  EXPECT_NEAR(judge(estimate, truth).ate_max, 0, kExact);
+  for (StampedPose& pose : estimate) pose.timestamp_ns += 2'000'000;
+  EXPECT_GT(judge(estimate, truth).ate_max, 1e-4) << "26 ms late belongs to the next frame";
+}
+
+TEST(Evaluation, CoverageLeavesGapsOut) {
+  const Trajectory truth = wavy_path(201);  // 10 s
+  Trajectory estimate(truth.begin() + 40, truth.end());
+  estimate.erase(estimate.begin() + 60, estimate.begin() + 99);  // 40 steps missing: 2 s
+  EXPECT_NEAR(judge(estimate, truth).covered_fraction, 0.6, kExact);
+}
+
+TEST(Evaluation, RefusesWhatCannotBeCompared) {
+  const Trajectory truth = wavy_path(100);
+  EXPECT_NE(refusal({}, truth).find("estimate.txt: holds no poses"), std::string::npos);
+  EXPECT_NE(refusal(truth, {}).find("truth.txt: holds no poses"), std::string::npos);
+
+  Trajectory later = truth;
+  for (StampedPose& pose : later) pose.timestamp_ns += 1'000'000'000'000;
+  EXPECT_NE(refusal(later, truth).find("same origin"), std::string::npos);
+
+  const Trajectory two(truth.begin(), truth.begin() + 2);
+  EXPECT_NE(refusal(two, truth).find("at least 3"), std::string::npos);
+
+  Trajectory still = truth;
+  for (StampedPose& pose : still) pose.T_wc.translation() = Vector3d(1, 2, 3);
+  EXPECT_NE(refusal(truth, still).find("truth.txt: the camera does not move"), std::string::npos);
+  EXPECT_NE(refusal(still, truth).find("estimate.txt: the camera does not move"), std::string::npos);
+
+  EXPECT_EQ(refusal(Trajectory(truth.begin(), truth.begin() + 3), truth), "");
+}
+
+}  // namespace
+}  // namespace pptam::app

@@ -1,0 +1,231 @@
+// The program as its users meet it: started as a child, judged by exit code, output and files.
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <sstream>
+#include <string>
+#include <vector>
+
+namespace {
+
+namespace fs = std::filesystem;
+
+std::string read_all(const fs::path& file) {
+  std::ifstream stream(file, std::ios::binary);
+  return {std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
+}
+
+bool contains(const std::string& text, const std::string& part) {
+  return text.find(part) != std::string::npos;
+}
+
+struct Answer {
+  int code = -1;
+  std::string out, err;
+};
+
+class Program : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    std::string name = (fs::temp_directory_path() / "pptam-cli-XXXXXX").string();
+    ASSERT_NE(mkdtemp(name.data()), nullptr);
+    folder_ = name;
+  }
+  void TearDown() override { fs::remove_all(folder_); }
+
+  // arguments are words for the shell.
+  Answer run(const std::string& arguments, const std::string& environment = "") const {
+    const fs::path out = folder_ / "stdout.txt";
+    const fs::path err = folder_ / "stderr.txt";
+    const std::string command = "cd '" + folder_.string() + "' && " + environment + " '" PPTAM_PROGRAM "' " +
+                                arguments + " >'" + out.string() + "' 2>'" + err.string() + "'";
+    const int status = std::system(command.c_str());
+    return {WIFEXITED(status) ? WEXITSTATUS(status) : 128, read_all(out), read_all(err)};
+  }
+
+  void write(const std::string& name, const std::string& content) const {
+    std::ofstream(folder_ / name, std::ios::binary) << content;
+  }
+
+  fs::path folder_;
+};
+
+// One pose every 0.1 s on a curve; positions times scale.
+std::string tum_file(int poses, double scale) {
+  std::ostringstream text;
+  text << "# timestamp tx ty tz qx qy qz qw\n";
+  for (int i = 0; i < poses; ++i) {
+    const double t = 0.1 * i;
+    text << t << ' ' << scale * std::sin(t) << ' ' << scale * std::cos(0.7 * t) << ' ' << scale * 0.1 * std::sin(2 * t)
+         << " 0 0 0 1\n";
+  }
+  return text.str();
+}
+
+TEST_F(Program, HelpShowsEveryCommandWithExamples) {
+  const Answer help = run("--help");
+  EXPECT_EQ(help.code, 0);
+  for (const char* part : {"sim", "replay", "eval", "Examples:", "Exit codes"}) EXPECT_TRUE(contains(help.out, part));
+  for (const char* command : {"sim", "replay", "eval"}) {
+    const Answer answer = run(std::string(command) + " --help");
+    EXPECT_EQ(answer.code, 0) << command;
+    EXPECT_TRUE(contains(answer.out, "Example")) << command;
+    EXPECT_TRUE(answer.err.empty()) << answer.err;
+  }
+  const Answer version = run("--version");
+  EXPECT_EQ(version.code, 0);
+  EXPECT_TRUE(contains(version.out, "pocket-ptam ")) << version.out;
+}
+
+TEST_F(Program, BadInputIsOneLineThatNamesItAndLeavesNothingBehind) {
+  write("garbage.txt", "this is no trajectory\n");
+  write("good.txt", tum_file(50, 1));
+  write("empty.txt", "");
+  write("late.txt", "1000 0 0 0 0 0 0 1\n1001 1 0 0 0 0 0 1\n1002 1 1 0 0 0 0 1\n");
+  write("no_video.mp4", "this is no video");
+  fs::create_directory(folder_ / "no_images");
+  const struct {
+    const char* arguments;
+    const char* named;  // what the message must name
+  } kCases[] = {
+      {"", "--help"},
+      {"fly", "fly"},
+      {"sim --wings", "--wings"},
+      {"sim --scene moon --out o", "moon"},
+      {"sim --motion swim --out o", "swim"},
+      {"sim --duration -1 --out o", "duration"},
+      {"sim --duration abc --out o", "duration"},
+      {"sim --readout sideways --out o", "columns:-:0.060"},
+      {"sim --readout rows:+:abc --out o", "columns:-:0.060"},
+      {"sim --readout rows:+:-1 --out o", "columns:-:0.060"},
+      {"sim --clock sun --out o", "work, steady or throttled"},
+      {"sim --slowdown 0 --out o", "slowdown"},
+      {"sim --seeds 3 --out o", "--suite"},
+      {"sim --suite --jobs 0 --out o", "jobs"},
+      {"sim --suite --scene moon --out o", "moon"},
+      {"sim --duration 1 --out good.txt", "good.txt"},
+      {"replay", "source"},
+      {"replay nowhere --out o", "nowhere"},
+      {"replay no_images --fov 50 --out o", "no_images"},
+      {"replay no_video.mp4 --fov 50 --out o", "no_video.mp4"},
+      {"replay no_images --calibration missing.yaml --out o", ""},
+      {"replay no_images --fov 50 --resize big --out o", "320x240"},
+      {"eval missing.txt good.txt", "missing.txt"},
+      {"eval good.txt missing.txt", "missing.txt"},
+      {"eval garbage.txt good.txt", "garbage.txt"},
+      {"eval empty.txt good.txt", "empty.txt"},
+      {"eval late.txt good.txt", "late.txt"},
+  };
+  for (const auto& bad : kCases) {
+    const Answer answer = run(bad.arguments);
+    EXPECT_EQ(answer.code, 2) << bad.arguments;
+    EXPECT_EQ(std::count(answer.err.begin(), answer.err.end(), '\n'), 1) << bad.arguments << "\n" << answer.err;
+    EXPECT_EQ(answer.err.rfind("pocket-ptam: error: ", 0), 0u) << bad.arguments << "\n" << answer.err;
+    EXPECT_TRUE(contains(answer.err, bad.named)) << bad.arguments << "\n" << answer.err;
+    EXPECT_TRUE(answer.out.empty()) << bad.arguments << "\n" << answer.out;
+    EXPECT_FALSE(fs::exists(folder_ / "o")) << bad.arguments;
+    EXPECT_FALSE(fs::exists(folder_ / "out")) << bad.arguments;
+  }
+}
+
+// A CSV without the columns whose name ends in _us: those hold times.
+std::string without_times(const std::string& csv) {
+  std::istringstream lines(csv);
+  std::vector<bool> keep;
+  std::string result;
+  for (std::string line; std::getline(lines, line);) {
+    std::istringstream cells(line);
+    size_t column = 0;
+    for (std::string cell; std::getline(cells, cell, ','); ++column) {
+      if (result.empty() || column >= keep.size())
+        keep.push_back(cell.size() < 3 || cell.substr(cell.size() - 3) != "_us");
+      if (keep[column]) result += cell + ",";
+    }
+    result += '\n';
+  }
+  return result;
+}
+
+TEST(FramesCsv, CuttingTimeColumnsGoesByName) {
+  EXPECT_EQ(without_times("frame,pose_us,found\n1,20,3\n"), "frame,found,\n1,3,\n");
+}
+
+TEST_F(Program, EmulatedRunsRepeatByteForByte) {
+  const std::string options = "sim --scene desk --duration 4 --no-overlay --no-report ";
+  ASSERT_EQ(run(options + "--seed 1 --out a").code, 0);
+  ASSERT_EQ(run(options + "--seed 1 --out b").code, 0);
+  ASSERT_EQ(run(options + "--seed 2 --out c").code, 0);
+  for (const char* name : {"trajectory.txt", "keyframes.txt", "map.ply", "frames.csv"}) {
+    ASSERT_TRUE(fs::exists(folder_ / "a" / name)) << name;
+    const auto content = [&](const char* run_name) {
+      const std::string text = read_all(folder_ / run_name / name);
+      return std::string(name) == "frames.csv" ? without_times(text) : text;
+    };
+    EXPECT_TRUE(content("a") == content("b")) << name;
+  }
+  // Another seed is another run: the comparison above can fail.
+  EXPECT_TRUE(without_times(read_all(folder_ / "a/frames.csv")) != without_times(read_all(folder_ / "c/frames.csv")));
+  const std::string csv = read_all(folder_ / "a/frames.csv");
+  EXPECT_EQ(std::count(csv.begin(), csv.end(), '\n'), 4 * 15 + 1) << "a header and 15 frames a second";
+}
+
+TEST_F(Program, SlowPhoneDropsFramesUnlessTold) {
+  const std::string options = "sim --duration 2 --no-overlay --no-report --clock throttled --slowdown 10000 ";
+  const auto rows = [&](const char* name) {
+    const std::string csv = read_all(folder_ / name / "frames.csv");
+    return std::count(csv.begin(), csv.end(), '\n') - 1;
+  };
+  ASSERT_EQ(run(options + "--out dropping").code, 0);
+  ASSERT_EQ(run(options + "--no-drop --out patient").code, 0);
+  EXPECT_LT(rows("dropping"), 30);
+  EXPECT_EQ(rows("patient"), 30);
+}
+
+TEST_F(Program, ReportAndOverlayAreWritten) {
+  const Answer answer = run("sim --duration 3 --out o");
+  ASSERT_EQ(answer.code, 0) << answer.err;
+  const std::string page = read_all(folder_ / "o/report.html");
+  EXPECT_TRUE(contains(page, "pocket-ptam sim --duration 3 --out o")) << "how to repeat";
+  EXPECT_TRUE(contains(page, "</html>"));
+  EXPECT_FALSE(contains(page, "http://")) << "self-contained";
+  EXPECT_TRUE(fs::exists(folder_ / "o/overlay.mp4") || contains(answer.err, "ffmpeg")) << answer.err;
+  EXPECT_TRUE(contains(answer.out, "written to o:")) << answer.out;
+}
+
+TEST_F(Program, MissingHelpersCostOnlyTheirOutputs) {
+  const Answer answer = run("sim --duration 2 --out o", "PATH=/nonexistent");
+  EXPECT_EQ(answer.code, 0) << answer.err;
+  EXPECT_TRUE(contains(answer.err, "warning:") && contains(answer.err, "ffmpeg")) << answer.err;
+  EXPECT_TRUE(contains(answer.err, "gnuplot")) << answer.err;
+  for (const char* name : {"trajectory.txt", "frames.csv", "report.html"})
+    EXPECT_TRUE(fs::exists(folder_ / "o" / name));
+  EXPECT_FALSE(fs::exists(folder_ / "o/overlay.mp4"));
+}
+
+TEST_F(Program, EvalComparesFiles) {
+  write("truth.txt", tum_file(100, 1));
+  write("half.txt", tum_file(100, 0.5));
+  const Answer same = run("eval half.txt truth.txt");
+  EXPECT_EQ(same.code, 0) << same.err;
+  EXPECT_TRUE(contains(same.out, "100 of 100")) << same.out;
+  EXPECT_TRUE(contains(same.out, "scale             2\n")) << same.out;
+  EXPECT_TRUE(contains(same.out, "0 of 100 (0.0 %)")) << same.out;
+
+  std::string spoiled = tum_file(99, 0.5) + "9.9 50 50 50 0 0 0 1\n";
+  write("spoiled.txt", spoiled);
+  EXPECT_TRUE(contains(run("eval spoiled.txt truth.txt").out, "1 of 100 (1.0 %)"));
+}
+
+TEST_F(Program, NoColourWhenNobodyWatches) {
+  write("truth.txt", tum_file(100, 1));
+  EXPECT_FALSE(contains(run("eval truth.txt truth.txt").out, "\033"));
+  EXPECT_FALSE(contains(run("eval missing.txt truth.txt").err, "\033"));
+}
+
+}  // namespace
