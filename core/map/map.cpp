@@ -124,11 +124,13 @@ void Map::apply(const Similarity& S) {
   for (Keyframe& keyframe : keyframes) {
     transform_pose(keyframe.T_kw);
     keyframe.velocity.head<3>() *= S.scale;
+    keyframe.velocity_prior.head<3>() *= S.scale;
     keyframe.mean_depth *= S.scale;
   }
   for (int i = 0; i < queued; ++i) {
     transform_pose(queue[i].frame.T_kw);
     queue[i].frame.velocity.head<3>() *= S.scale;
+    queue[i].frame.velocity_prior.head<3>() *= S.scale;
     queue[i].frame.mean_depth *= S.scale;
   }
   for (MapPoint& point : points) point.p_w = S * point.p_w;

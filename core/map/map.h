@@ -60,6 +60,7 @@ struct Keyframe {
   int64_t timestamp_ns = 0;
   SE3 T_kw;
   Vector6f velocity = Vector6f::Zero();  // T_kw(t + dt) = exp(dt * velocity) T_kw: world units/s and radians/s
+  Vector6f velocity_prior = Vector6f::Zero();  // what the tracker thought of it
   float mean_depth = 1;                  // of the points that the tracker measured
   PyramidStorage storage;
   Pyramid pyramid;

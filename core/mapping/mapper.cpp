@@ -6,7 +6,7 @@
 
 #include "geometry/robust.h"
 #include "geometry/two_view.h"
-#include "tracking/patch_search.h"
+#include "map/patch_search.h"
 
 namespace pptam {
 
@@ -37,6 +37,7 @@ Mapper::Mapper(Arena& arena, const Config& config, Map& map, WorkMeter& meter)
       bundle_(arena, config, map, meter, *this),
       corner_scratch_(arena, config.camera.width, config.camera.height),
       corners_(arena, 200),
+      pose_points_(arena, 250),
       occupied_(arena, config.max_map_points + config.max_partial_points) {}
 
 bool Mapper::has_work() const {
@@ -75,7 +76,10 @@ Task Mapper::run() {
       full_pending_ = false;
       co_await bundle_.run(-1, kBundleIterations);
       if (!bundle_.result().converged) full_pending_ = true;
-      if (bundle_.result().converged) co_await discard_unreliable_points();
+      if (bundle_.result().converged) {
+        co_await discard_unreliable_points();
+        if (velocity_rounds_ < 3) { ++velocity_rounds_; co_await update_velocities(); full_pending_ = true; }
+      }
     } else {
       resting_ = true;
       co_await rest();
@@ -221,6 +225,7 @@ Task Mapper::insert_keyframe() {
   co_await add_partial_points(keyframe);
   local_pending_ = map_.keyframes.size() >= kFullFromKeyframes;
   full_pending_ = true;
+  velocity_rounds_ = 0;
 }
 
 // The tracker measures 50 points of a frame; the others that should be visible are searched now.
@@ -356,6 +361,33 @@ Task Mapper::add_partial_points(int keyframe) {
     partial.information = 0;
     occupied_.push_back(px);
     ++added;
+    co_await slice();
+  }
+}
+
+// Camera velocities during the keyframes' readout, against the present map [phone 6].
+Task Mapper::update_velocities() {
+  if (config_.shutter.line_time_s == 0) co_return;
+  for (int k = 0; k < map_.keyframes.size(); ++k) {
+    Keyframe& keyframe = map_.keyframes[k];
+    pose_points_.clear();
+    for (const MapPoint& point : map_.points) {
+      if (point.id == 0) continue;
+      for (const Measurement& m : point.measurements) {
+        if (m.keyframe != k) continue;
+        PosePoint p;
+        p.p_w = point.p_w;
+        p.px = m.px;
+        p.sigma = m.sigma;
+        pose_points_.push_back(p);
+      }
+    }
+    VelocityPrior prior;
+    prior.mean = keyframe.velocity_prior;
+    prior.sigma_translation = 0.06f * keyframe.mean_depth;
+    prior.sigma_rotation = 0.15f;
+    const PoseUpdate update = update_pose(config_.camera, config_.shutter, keyframe.T_kw, prior, pose_points_, 0.15f, meter_);
+    if (update.ok) keyframe.velocity = update.velocity;
     co_await slice();
   }
 }

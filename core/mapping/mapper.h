@@ -9,6 +9,7 @@
 #include "map/map.h"
 #include "mapping/bundle_adjustment.h"
 #include "scheduler/task.h"
+#include "geometry/pose_update.h"
 
 namespace pptam {
 
@@ -26,6 +27,7 @@ class Mapper : public Background {
   Task measure_remaining_points(int keyframe);
   Task promote_partial_points(int keyframe);
   Task add_partial_points(int keyframe);
+  Task update_velocities();
   Task discard_unreliable_points();
   bool align_to_dominant_plane();
   // Where the point appears in the keyframe, rolling shutter included.
@@ -36,11 +38,13 @@ class Mapper : public Background {
   BundleAdjuster bundle_;
   CornerScratch corner_scratch_;
   FixedVector<Corner> corners_;
+  FixedVector<PosePoint> pose_points_;
   FixedVector<Vector2f> occupied_;  // level-0 pixels of a keyframe that already have a point
   Task task_;
   bool resting_ = true;  // the job has nothing left to do
   bool local_pending_ = false, full_pending_ = false;
   int newest_ = -1;
+  int velocity_rounds_ = 0;
   uint32_t epoch_ = 0;
 };
 

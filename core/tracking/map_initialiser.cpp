@@ -6,7 +6,7 @@
 #include <cmath>
 
 #include "geometry/robust.h"
-#include "tracking/patch_search.h"
+#include "map/patch_search.h"
 
 namespace pptam {
 
@@ -544,7 +544,7 @@ bool MapInitialiser::build(Map& map, SE3* T_cw, Vector6f* velocity) {
     Keyframe& frame = candidate.frame;
     frame.timestamp_ns = views[k]->timestamp_ns;
     frame.T_kw = poses[k];
-    frame.velocity = velocities[k];
+    frame.velocity = frame.velocity_prior = velocities[k];
     frame.mean_depth = 1;
     frame.pyramid = copy_pyramid(views[k]->pyramid, frame.storage);
     for (int y = 0; y < frame.small.height; ++y)

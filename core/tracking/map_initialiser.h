@@ -14,7 +14,7 @@
 #include "geometry/two_view.h"
 #include "image/corners.h"
 #include "map/map.h"
-#include "tracking/pose_update.h"
+#include "geometry/pose_update.h"
 
 namespace pptam {
 

@@ -6,7 +6,7 @@
 #include "base/deterministic_math.h"
 #include "image/grey.h"
 #include "tracking/full_frame_rotation.h"
-#include "tracking/patch_search.h"
+#include "map/patch_search.h"
 #include "tracking/relocaliser.h"
 
 namespace pptam {
@@ -566,7 +566,7 @@ void Tracker::queue_keyframe() {
   Keyframe& frame = candidate.frame;
   frame.timestamp_ns = timestamp_ns_;
   frame.T_kw = T_cw_;
-  frame.velocity = prior_.mean;
+  frame.velocity = frame.velocity_prior = prior_.mean;
   frame.mean_depth = mean_depth_;
   frame.pyramid = copy_pyramid(pyramid_, frame.storage);
   for (int y = 0; y < small_.height; ++y) std::copy_n(small_.row(y), small_.width, frame.small.row(y));

@@ -8,7 +8,7 @@
 #include "map/map.h"
 #include "pocket_ptam.h"
 #include "tracking/map_initialiser.h"
-#include "tracking/pose_update.h"
+#include "geometry/pose_update.h"
 
 namespace pptam {
 

@@ -1,4 +1,4 @@
-#include "tracking/patch_search.h"
+#include "map/patch_search.h"
 
 #include <Eigen/LU>
 #include <algorithm>

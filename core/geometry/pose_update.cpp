@@ -1,4 +1,4 @@
-#include "tracking/pose_update.h"
+#include "geometry/pose_update.h"
 
 #include <Eigen/Cholesky>
 #include <cmath>

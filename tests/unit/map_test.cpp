@@ -1,0 +1,327 @@
+// The map: change of coordinates, hash, capacities, measurement culling, rolling-shutter correction.
+#include "map/map.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <cmath>
+#include <cstring>
+#include <vector>
+
+#include "tests/support/random.h"
+#include "tracking/pose_update.h"
+
+namespace pptam {
+namespace {
+
+Config small_config() {
+  CameraModel camera;
+  camera.width = 240;
+  camera.height = 320;
+  camera.fx = camera.fy = 358.6f;
+  camera.cx = 119.5f;
+  camera.cy = 159.5f;
+  camera.prepare();
+  Config config = Config::phone(camera);
+  config.max_keyframes = 10;
+  config.max_map_points = 100;
+  config.max_partial_points = 5;
+  return config;
+}
+
+class MapTest : public ::testing::Test {
+ protected:
+  MapTest() : config_(small_config()) {
+    Arena measure;
+    Map measured(measure, config_);
+    block_.resize(measure.used() + 16);
+    void* start = block_.data();
+    size_t space = block_.size();
+    std::align(16, measure.used(), start, space);
+    arena_ = Arena({static_cast<std::byte*>(start), measure.used()});
+    map_ = Map(arena_, config_);
+  }
+
+  Vector6f random_twist(double translation, double rotation) {
+    Vector6f mu;
+    for (int i = 0; i < 3; ++i) {
+      mu(i) = static_cast<float>(translation * random_.gaussian());
+      mu(i + 3) = static_cast<float>(rotation * random_.gaussian());
+    }
+    return mu;
+  }
+
+  int add_keyframe(const SE3& T_kw) {
+    map_.queued = 1;
+    KeyframeCandidate& candidate = map_.queue[0];
+    candidate.frame.T_kw = T_kw;
+    candidate.frame.mean_depth = 1;
+    const int index = map_.add_keyframe(candidate);
+    map_.pop_queue();
+    return index;
+  }
+
+  // Points one unit in front of cameras that all look at them.
+  void fill(int keyframes, int points) {
+    for (int k = 0; k < keyframes; ++k) ASSERT_EQ(add_keyframe(SE3::exp(random_twist(0.06, 0.03))), k);
+    for (int i = 0; i < points; ++i) {
+      const int index = map_.add_point();
+      ASSERT_EQ(index, i);
+      MapPoint& point = map_.points[index];
+      point.p_w = Vector3f(static_cast<float>(random_.uniform(-0.15, 0.15)),
+                           static_cast<float>(random_.uniform(-0.2, 0.2)), static_cast<float>(random_.uniform(0.8, 1.2)));
+      point.source.keyframe = 0;
+      for (int k = 0; k < keyframes && !point.measurements.full(); ++k) {
+        Measurement m;
+        m.keyframe = static_cast<int16_t>(k);
+        m.sigma = 2;
+        ASSERT_TRUE(config_.camera.project(map_.keyframes[k].T_kw * point.p_w, &m.px));
+        point.measurements.push_back(m);
+      }
+    }
+  }
+
+  test::Random random_;
+  Config config_;
+  std::vector<std::byte> block_;
+  Arena arena_;
+  Map map_;
+};
+
+TEST_F(MapTest, ChangeOfCoordinatesKeepsTheImages) {
+  fill(4, 20);
+  const int slot = map_.add_partial_point();
+  ASSERT_GE(slot, 0);
+  PartialPoint& partial = map_.partial_points[slot];
+  partial.source.keyframe = 1;
+  partial.ray = Vector3f(0.1f, -0.05f, 1);
+  partial.inverse_depth = 0.9f;
+  partial.information = 25;
+  map_.keyframes[2].velocity = random_twist(0.2, 0.5);
+  map_.queued = 1;
+  map_.queue[0].frame.T_kw = SE3::exp(random_twist(0.06, 0.03));
+
+  // Everything that the map can show: pixels of points, of moving keyframes and of partial points.
+  const auto images = [&](const Map& map, const std::vector<Vector3f>& points) {
+    std::vector<Vector2f> all;
+    Vector2f px;
+    for (const Vector3f& p : points) {
+      for (const Keyframe& k : map.keyframes) {
+        EXPECT_TRUE(config_.camera.project(k.T_kw * p, &px));
+        all.push_back(px);
+        EXPECT_TRUE(config_.camera.project(pose_at(k.T_kw, k.velocity, 0.03f) * p, &px));
+        all.push_back(px);
+      }
+      EXPECT_TRUE(config_.camera.project(map.queue[0].frame.T_kw * p, &px));
+      all.push_back(px);
+    }
+    const Vector3f p_w = map.keyframes[1].T_kw.inverse() * Vector3f(partial.ray / partial.inverse_depth);
+    EXPECT_TRUE(config_.camera.project(map.keyframes[2].T_kw * p_w, &px));
+    all.push_back(px);
+    return all;
+  };
+  const auto positions = [&] {
+    std::vector<Vector3f> all;
+    for (const MapPoint& point : map_.points)
+      if (point.id != 0) all.push_back(point.p_w);
+    return all;
+  };
+  const std::vector<Vector2f> before = images(map_, positions());
+  const float relative_sigma = 1 / (std::sqrt(partial.information) * partial.inverse_depth);
+  const float relative_depth = map_.keyframes[0].mean_depth / map_.keyframes[0].T_kw.t.norm();
+
+  Similarity S;
+  S.T = SE3::exp(random_twist(0.5, 0.8));
+  S.scale = 3.7f;
+  const uint32_t count = map_.transform_count;
+  map_.apply(S);
+  EXPECT_EQ(map_.transform_count, count + 1);
+
+  // Three products of rotations and two sums of coordinates of up to 8 units, seen from 3: some 20 roundings of 6e-8,
+  // times 8 / 3, times f.
+  const double tolerance_px = 20 * 6e-8 * 2.7 * 360;
+  const std::vector<Vector2f> after = images(map_, positions());
+  for (size_t i = 0; i < before.size(); ++i) EXPECT_LT((after[i] - before[i]).norm(), tolerance_px) << i;
+  EXPECT_NEAR(1 / (std::sqrt(partial.information) * partial.inverse_depth), relative_sigma, 1e-6f);
+  EXPECT_NEAR(map_.keyframes[0].mean_depth / (map_.keyframes[0].T_kw.t + S.scale * (map_.keyframes[0].T_kw.R * S.T.t)).norm(),
+              relative_depth, 1e-4f * relative_depth);
+  // The same change with a scale that is off by a hundredth would show in the moving keyframe.
+  map_.keyframes[2].velocity.head<3>() *= 1.01f;
+  const std::vector<Vector2f> wrong = images(map_, positions());
+  double worst = 0;
+  for (size_t i = 0; i < before.size(); ++i) worst = std::max<double>(worst, (wrong[i] - before[i]).norm());
+  EXPECT_GT(worst, tolerance_px);
+}
+
+TEST_F(MapTest, HashSeesEveryBit) {
+  fill(3, 10);
+  const uint64_t hash = map_.hash();
+  EXPECT_EQ(map_.hash(), hash);
+  const auto flip = [&](float& value, const char* what) {
+    uint32_t bits;
+    std::memcpy(&bits, &value, 4);
+    for (int bit = 0; bit < 32; ++bit) {
+      const uint32_t flipped = bits ^ (1u << bit);
+      std::memcpy(&value, &flipped, 4);
+      EXPECT_NE(map_.hash(), hash) << what << ", bit " << bit;
+    }
+    std::memcpy(&value, &bits, 4);
+  };
+  flip(map_.keyframes[1].T_kw.R(2, 1), "rotation");
+  flip(map_.keyframes[2].T_kw.t.z(), "translation");
+  flip(map_.points[9].p_w.y(), "position");
+  flip(map_.points[3].measurements[2].px.x(), "measurement");
+  map_.points[3].measurements[2].keyframe = 0;
+  EXPECT_NE(map_.hash(), hash);
+  map_.points[3].measurements[2].keyframe = 2;
+  EXPECT_EQ(map_.hash(), hash);
+  map_.points[4].measurements.erase_at(1);
+  EXPECT_NE(map_.hash(), hash);
+  map_.remove_point(7);
+  const uint64_t without = map_.hash();
+  map_.remove_point(7);
+  EXPECT_EQ(map_.hash(), without);
+}
+
+TEST_F(MapTest, FullPoolsSayWhichOne) {
+  EXPECT_EQ(map_.limits_hit, 0u);
+  fill(2, config_.max_map_points);
+  EXPECT_EQ(map_.point_count(), config_.max_map_points);
+  EXPECT_EQ(map_.limits_hit, 0u);
+  EXPECT_EQ(map_.add_point(), -1);
+  EXPECT_EQ(map_.limits_hit, static_cast<uint32_t>(kLimitMapPoints));
+  const uint32_t id = map_.points[5].id;
+  map_.remove_point(5);
+  EXPECT_EQ(map_.add_point(), 5) << "a free slot is used again";
+  EXPECT_GT(map_.points[5].id, id) << "an id never";
+  EXPECT_EQ(map_.points[5].measurements.size(), 0);
+
+  for (int i = 0; i < config_.max_partial_points; ++i) EXPECT_EQ(map_.add_partial_point(), i);
+  EXPECT_EQ(map_.add_partial_point(), -1);
+  EXPECT_EQ(map_.limits_hit, kLimitMapPoints | kLimitPartialPoints);
+
+  for (int k = map_.keyframes.size(); k < config_.max_keyframes; ++k) EXPECT_EQ(add_keyframe(SE3()), k);
+  EXPECT_EQ(add_keyframe(SE3()), -1);
+  EXPECT_EQ(map_.limits_hit, kLimitMapPoints | kLimitPartialPoints | kLimitKeyframes);
+
+  const uint32_t epoch = map_.epoch;
+  const uint32_t next_id = map_.next_id;
+  map_.clear();
+  EXPECT_EQ(map_.epoch, epoch + 1);
+  EXPECT_EQ(map_.limits_hit, 0u);
+  EXPECT_EQ(map_.point_count(), 0);
+  EXPECT_FALSE(map_.exists());
+  EXPECT_FALSE(map_.ready);
+  EXPECT_EQ(map_.next_id, next_id);
+}
+
+TEST_F(MapTest, KeyframesKeepTheirOwnImagesThroughTheQueue) {
+  // Every keyframe's storage, the queue's too, must stay distinct however often they are swapped.
+  const auto distinct = [&] {
+    std::vector<const uint8_t*> blocks;
+    for (const Keyframe& keyframe : map_.keyframes) blocks.push_back(keyframe.storage.level[0].data);
+    for (const KeyframeCandidate& candidate : map_.queue) blocks.push_back(candidate.frame.storage.level[0].data);
+    std::sort(blocks.begin(), blocks.end());
+    return std::adjacent_find(blocks.begin(), blocks.end()) == blocks.end() && blocks.front() != nullptr;
+  };
+  for (int k = 0; k < config_.max_keyframes; ++k) {
+    map_.queued = std::min(2, map_.queue.size());
+    map_.queue[0].frame.timestamp_ns = 100 + k;
+    map_.queue[0].frame.storage.level[0].at(3, 4) = static_cast<uint8_t>(k);
+    ASSERT_EQ(map_.add_keyframe(map_.queue[0]), k);
+    map_.pop_queue();
+    EXPECT_EQ(map_.queued, 1);
+    map_.queued = 0;
+    EXPECT_TRUE(distinct());
+  }
+  for (int k = 0; k < config_.max_keyframes; ++k) {
+    EXPECT_EQ(map_.keyframes[k].timestamp_ns, 100 + k);
+    EXPECT_EQ(map_.keyframes[k].storage.level[0].at(3, 4), k);
+  }
+}
+
+TEST_F(MapTest, CullingKeepsEightAndDropsTheRedundantOne) {
+  // Nine cameras on a wide arc, except that one stands where another stands: of two equal views one is redundant.
+  for (int trial = 0; trial < 50; ++trial) {
+    map_.clear();
+    const int twin = random_.integer(2, 8);
+    Vector3f centres[9];
+    for (int k = 0; k < 9; ++k) {
+      centres[k] = Vector3f(0.25f * static_cast<float>(k % 3 - 1), 0.25f * static_cast<float>(k / 3 - 1), 0) +
+                   random_twist(0.01, 0).head<3>();
+      if (k == twin) centres[k] = centres[twin == 2 ? 3 : 2] + Vector3f(1e-3f, 0, 0);
+      const Vector3f z = (Vector3f(0, 0, 1) - centres[k]).normalized();
+      const Vector3f x = Vector3f::UnitY().cross(z).normalized();
+      SE3 T_kw;
+      T_kw.R.row(0) = x.transpose();
+      T_kw.R.row(1) = z.cross(x).transpose();
+      T_kw.R.row(2) = z.transpose();
+      T_kw.t = -(T_kw.R * centres[k]);
+      ASSERT_EQ(add_keyframe(T_kw), k);
+    }
+    MapPoint& point = map_.points[map_.add_point()];
+    point.p_w = Vector3f(0, 0, 1);
+    for (int k = 0; k < 8; ++k) point.measurements.push_back({Vector2f::Zero(), 2, static_cast<int16_t>(k)});
+    cull_measurements(map_, config_.camera, point);
+    EXPECT_EQ(point.measurements.size(), 8) << "eight are kept";
+    point.measurements.push_back({Vector2f::Zero(), 2, 8});
+    const int twin_of = twin == 2 ? 3 : 2;
+    // The definition, in double: the measurement whose |V| - |V - V_j| is least.
+    Eigen::Matrix3d V_j[9], V = Eigen::Matrix3d::Zero();
+    for (int j = 0; j < 9; ++j) {
+      Vector2f px;
+      Matrix23f J;
+      ASSERT_TRUE(config_.camera.project(map_.keyframes[j].T_kw * point.p_w, &px, &J));
+      const Eigen::Matrix<double, 2, 3> B = (J * map_.keyframes[j].T_kw.R).cast<double>() / (2 * 358.6);
+      V_j[j] = B.transpose() * B;
+      V += V_j[j];
+    }
+    cull_measurements(map_, config_.camera, point);
+    ASSERT_EQ(point.measurements.size(), 8);
+    bool left[9] = {};
+    for (const Measurement& m : point.measurements) left[m.keyframe] = true;
+    EXPECT_TRUE(left[0]) << "the source's stays";
+    int gone = 0;
+    while (left[gone]) ++gone;
+    double least = 1e9;
+    for (int j = 1; j < 9; ++j) least = std::min(least, V.determinant() - (V - V_j[j]).determinant());
+    // Determinants of order 10 lose 1e-6 of it in float32; two that are nearer than that are equally useful.
+    EXPECT_LT(V.determinant() - (V - V_j[gone]).determinant(), least + 1e-5 * V.determinant());
+    (void)twin_of;
+  }
+}
+
+TEST_F(MapTest, AMeasurementFarMorePreciseIsNotDropped) {
+  fill(9, 1);
+  MapPoint& point = map_.points[0];
+  ASSERT_EQ(point.measurements.size(), 9);
+  for (Measurement& m : point.measurements) m.sigma = 8;
+  point.measurements[5].sigma = 1;
+  cull_measurements(map_, config_.camera, point);
+  bool kept = false;
+  for (const Measurement& m : point.measurements) kept = kept || m.keyframe == 5;
+  EXPECT_TRUE(kept);
+}
+
+TEST_F(MapTest, GlobalShutterCorrectionIsExactToFirstOrder) {
+  const RollingShutter shutter{RollingShutter::Axis::kColumns, -0.060f / 240};
+  for (int trial = 0; trial < 300; ++trial) {
+    const Vector2f ray = config_.camera.unproject(
+        Vector2f(static_cast<float>(random_.uniform(20, 220)), static_cast<float>(random_.uniform(20, 300))));
+    const Vector3f p_c(ray.x(), ray.y(), 1);
+    const Vector6f velocity = random_twist(0.1, 0.3);
+    Vector2f still, moving;
+    SE3 T_line;
+    ASSERT_TRUE(config_.camera.project(p_c, &still));
+    ASSERT_TRUE(project_rolling(config_.camera, shutter, SE3(), velocity, p_c, &moving, &T_line));
+    const double flow = (moving - still).norm();
+    const double error = (global_shutter_px(config_.camera, shutter, velocity, p_c, moving) - still).norm();
+    // The second order of a motion of d px: d^2 / f, for rotation and translation at unit depth, with a factor of 3 for
+    // the view's edge and both together; and what two fixed-point passes leave, d (d / 120)^2.
+    EXPECT_LT(error, 3 * flow * flow / 358 + flow * flow * flow / (120 * 120) + 1e-3) << flow;
+    EXPECT_EQ(global_shutter_px(config_.camera, {}, velocity, p_c, moving), moving);
+  }
+}
+
+}  // namespace
+}  // namespace pptam
