@@ -18,15 +18,21 @@ constexpr float kFirstLambda = 1e-3f;
 constexpr float kMinLambda = 1e-6f, kMaxLambda = 1e4f;
 constexpr int kLocalCameras = 5;  // the newest and its four nearest [ptam 6.3]
 
-// Lower Cholesky factor of a 6x6 block in place; false if it is not positive definite.
-bool factorise(Matrix6f& M) {
-  for (int j = 0; j < 6; ++j) {
+// How far a keyframe's velocity may be from what the tracker thought of it: as in tracking.
+constexpr float kPriorRotation = 0.15f;     // radians/s
+constexpr float kPriorTranslation = 0.06f;  // mean depths/s
+
+// Lower Cholesky factor of a block in place; false if it is not positive definite.
+template <class Block>
+bool factorise(Block& M) {
+  const int n = static_cast<int>(M.rows());
+  for (int j = 0; j < n; ++j) {
     float d = M(j, j);
     for (int k = 0; k < j; ++k) d -= M(j, k) * M(j, k);
     if (!(d > 1e-12f)) return false;
     const float root = std::sqrt(d);
     M(j, j) = root;
-    for (int i = j + 1; i < 6; ++i) {
+    for (int i = j + 1; i < n; ++i) {
       float v = M(i, j);
       for (int k = 0; k < j; ++k) v -= M(i, k) * M(j, k);
       M(i, j) = v / root;
@@ -37,9 +43,11 @@ bool factorise(Matrix6f& M) {
 }
 
 // X <- X L^-T, L lower triangular.
-void solve_right_transposed(const Matrix6f& L, Matrix6f& X) {
-  for (int j = 0; j < 6; ++j) {
-    for (int r = 0; r < 6; ++r) {
+template <class Block>
+void solve_right_transposed(const Block& L, Block& X) {
+  const int n = static_cast<int>(L.rows());
+  for (int j = 0; j < n; ++j) {
+    for (int r = 0; r < n; ++r) {
       float v = X(r, j);
       for (int k = 0; k < j; ++k) v -= X(r, k) * L(j, k);
       X(r, j) = v / L(j, j);
@@ -47,20 +55,29 @@ void solve_right_transposed(const Matrix6f& L, Matrix6f& X) {
   }
 }
 
-void solve_lower(const Matrix6f& L, Vector6f& x) {
-  for (int i = 0; i < 6; ++i) {
+template <class Block, class Vector>
+void solve_lower(const Block& L, Vector& x) {
+  const int n = static_cast<int>(L.rows());
+  for (int i = 0; i < n; ++i) {
     float v = x[i];
     for (int k = 0; k < i; ++k) v -= L(i, k) * x[k];
     x[i] = v / L(i, i);
   }
 }
 
-void solve_lower_transposed(const Matrix6f& L, Vector6f& x) {
-  for (int i = 5; i >= 0; --i) {
+template <class Block, class Vector>
+void solve_lower_transposed(const Block& L, Vector& x) {
+  const int n = static_cast<int>(L.rows());
+  for (int i = n - 1; i >= 0; --i) {
     float v = x[i];
-    for (int k = i + 1; k < 6; ++k) v -= L(k, i) * x[k];
+    for (int k = i + 1; k < n; ++k) v -= L(k, i) * x[k];
     x[i] = v / L(i, i);
   }
+}
+
+// Point in the camera at dt after the timestamp, q = T p being its place at the timestamp.
+Vector3f moved(const Vector3f& q, const Vector6f& velocity, float dt_s) {
+  return q + dt_s * (velocity.head<3>() + velocity.tail<3>().cross(q));
 }
 
 }  // namespace
@@ -73,14 +90,39 @@ BundleAdjuster::BundleAdjuster(Arena& arena, const Config& config, Map& map, Wor
       cameras_(arena, config.max_keyframes),
       points_(arena, config.max_map_points),
       observations_(arena, config.max_map_points * kMaxMeasurements),
-      S_(arena, config.max_keyframes * (config.max_keyframes + 1) / 2),
-      rhs_(arena, config.max_keyframes),
+      S_(arena, std::max(config.max_keyframes * (config.max_keyframes + 1) / 2 * 36,
+                         kMaxVelocityCameras * (kMaxVelocityCameras + 1) / 2 * 144)),
+      rhs_(arena, std::max(config.max_keyframes * 6, kMaxVelocityCameras * 12)),
       squared_(arena, config.max_map_points * kMaxMeasurements) {}
 
-Task BundleAdjuster::run(int newest, int max_iterations) {
+Vector6f BundleAdjuster::prior_information(const Camera& camera) const {
+  const float translation = kPriorTranslation * camera.depth;
+  Vector6f information;
+  information << Vector3f::Constant(1.0f / (translation * translation)),
+      Vector3f::Constant(1.0f / (kPriorRotation * kPriorRotation));
+  return information * (sigma_ * sigma_);  // in units of the Tukey costs, which are not divided by sigma^2
+}
+
+float BundleAdjuster::prior_cost(const Camera& camera, const Vector6f& velocity) const {
+  return 0.5f * (velocity - camera.velocity_prior).cwiseAbs2().dot(prior_information(camera));
+}
+
+Task BundleAdjuster::run(int newest, bool velocities, int max_iterations) {
   result_ = BundleResult();
-  co_await gather(newest);
+  if (config_.shutter.line_time_s == 0) velocities = false;
+  co_await gather(newest, velocities);
   if (free_cameras_ == 0 || points_.size() < 6) co_return;
+  with_velocities_ = velocities && free_cameras_ <= kMaxVelocityCameras;
+  if (with_velocities_) {
+    co_await iterate<12>(max_iterations);
+  } else {
+    co_await iterate<6>(max_iterations);
+  }
+  if (result_.converged) co_await discard_outliers();
+}
+
+template <int N>
+Task BundleAdjuster::iterate(int max_iterations) {
   float lambda = kFirstLambda;
   float backoff = 4;
   while (result_.iterations < max_iterations) {
@@ -90,10 +132,10 @@ Task BundleAdjuster::run(int newest, int max_iterations) {
     result_.sigma = sigma_;
     bool accepted = false;
     while (lambda < kMaxLambda) {
-      co_await build_reduced_system(lambda);
-      co_await solve_reduced_system();
+      co_await build_reduced_system<N>(lambda);
+      co_await solve_reduced_system<N>();
       if (solved_) {
-        co_await evaluate_step();
+        co_await evaluate_step<N>();
         if (new_cost_ < cost_) {
           accepted = true;
           break;
@@ -122,28 +164,35 @@ Task BundleAdjuster::run(int newest, int max_iterations) {
     if (map_.queued > 0) break;  // the new keyframe comes first
     co_await background_.slice();
   }
-  if (result_.converged) co_await discard_outliers();
 }
 
 // The snapshot. The map's geometry is changed by the mapper alone, which is this very coroutine's caller: taking it in
 // several slices is safe.
-Task BundleAdjuster::gather(int newest) {
+Task BundleAdjuster::gather(int newest, bool velocities) {
   cameras_.clear();
   points_.clear();
   observations_.clear();
   const int count = map_.keyframes.size();
   for (int k = 0; k < count; ++k) {
+    const Keyframe& keyframe = map_.keyframes[k];
     Camera camera;
-    camera.T = camera.T_new = map_.keyframes[k].T_kw;
+    camera.T = camera.T_new = keyframe.T_kw;
+    camera.velocity = camera.velocity_new = keyframe.velocity;
+    camera.velocity_prior = keyframe.velocity_prior;
+    camera.depth = keyframe.mean_depth;
     cameras_.push_back(camera);
   }
   free_cameras_ = 0;
+  const auto release = [this](int k) {
+    cameras_[k].column = free_cameras_++;
+    cameras_[k].pose_free = k > 0;
+  };
   if (newest < 0) {
-    for (int k = 1; k < count; ++k) cameras_[k].column = free_cameras_++;
+    for (int k = velocities ? 0 : 1; k < count; ++k) release(k);
   } else {
     // The newest, then the nearest of the rest, the first (the datum) never.
     const Vector3f centre = map_.keyframes[newest].T_kw.centre();
-    if (newest > 0) cameras_[newest].column = free_cameras_++;
+    if (newest > 0) release(newest);
     while (free_cameras_ < kLocalCameras) {
       int best = -1;
       float best_distance = 0;
@@ -156,7 +205,7 @@ Task BundleAdjuster::gather(int newest) {
         }
       }
       if (best < 0) break;
-      cameras_[best].column = free_cameras_++;
+      release(best);
     }
   }
   for (int i = 0; i < map_.points.size(); ++i) {
@@ -171,43 +220,47 @@ Task BundleAdjuster::gather(int newest) {
     entry.p = entry.p_new = point.p_w;
     for (int j = 0; j < point.measurements.size(); ++j) {
       const Measurement& m = point.measurements[j];
-      const Keyframe& keyframe = map_.keyframes[m.keyframe];
       Observation observation;
       observation.camera = m.keyframe;
       observation.measurement = static_cast<int16_t>(j);
-      observation.px =
-          global_shutter_px(config_.camera, config_.shutter, keyframe.velocity, keyframe.T_kw * point.p_w, m.px);
+      observation.px = m.px;
+      observation.dt_s = config_.shutter.dt_s(m.px, config_.camera.width, config_.camera.height);
       observation.inv_sigma = 1.0f / m.sigma;
       if (!observations_.push_back(observation)) break;
     }
     entry.count = observations_.size() - entry.first;
-    meter_.charge(Work::kBundleProjection, entry.count);
+    meter_.charge(Work::kOther, 40LL * entry.count);
     points_.push_back(entry);
     co_await background_.slice();
   }
 }
 
-// Errors, Jacobians, scale, weights and the normal equations' diagonal blocks at the present estimate.
+// Errors, Jacobians, scale, weights and the points' normal equations at the present estimate.
 Task BundleAdjuster::linearise() {
   squared_.clear();
   for (Point& point : points_) {
     for (int k = point.first; k < point.first + point.count; ++k) {
       Observation& o = observations_[k];
-      const SE3& T = cameras_[o.camera].T;
-      const Vector3f p_c = T * point.p;
+      const Camera& camera = cameras_[o.camera];
+      const Vector3f q = camera.T * point.p;
       Vector2f px;
       Matrix23f J;
-      if (!config_.camera.project(p_c, &px, &J)) {
+      if (!config_.camera.project(moved(q, camera.velocity, o.dt_s), &px, &J)) {
         o.error_sq = 1e12f;
         o.A.setZero();
+        o.A_v.setZero();
         o.B.setZero();
         o.e.setZero();
         continue;
       }
       o.e = (o.px - px) * o.inv_sigma;
       o.error_sq = o.e.squaredNorm();
-      o.A = J * se3_point_jacobian(p_c) * o.inv_sigma;
-      o.B = J * T.R * o.inv_sigma;
+      const Eigen::Matrix<float, 3, 6> G = se3_point_jacobian(q);
+      const Matrix23f J_sigma = J * o.inv_sigma;
+      const Matrix23f J_q = J_sigma + o.dt_s * (J_sigma * hat(camera.velocity.tail<3>()));
+      o.A = J_q * G;
+      if (with_velocities_) o.A_v = o.dt_s * (J_sigma * G);
+      o.B = J_q * camera.T.R;
       squared_.push_back(o.error_sq);
     }
     meter_.charge(Work::kBundleProjection, point.count);
@@ -216,10 +269,6 @@ Task BundleAdjuster::linearise() {
   sigma_ = std::max(robust_sigma(squared_), kSigmaFloor);
   meter_.charge(Work::kOther, 30LL * squared_.size());
   cost_ = 0;
-  for (Camera& camera : cameras_) {
-    camera.U.setZero();
-    camera.ea.setZero();
-  }
   for (Point& point : points_) {
     point.V.setZero();
     point.eb.setZero();
@@ -228,35 +277,64 @@ Task BundleAdjuster::linearise() {
       o.weight = tukey_weight(o.error_sq, sigma_);
       cost_ += tukey_cost(o.error_sq, sigma_);
       if (o.weight == 0) continue;
-      Camera& camera = cameras_[o.camera];
-      if (camera.column >= 0) {
-        camera.U += o.weight * (o.A.transpose() * o.A);
-        camera.ea += o.weight * (o.A.transpose() * o.e);
-      }
       point.V += o.weight * (o.B.transpose() * o.B);
       point.eb += o.weight * (o.B.transpose() * o.e);
     }
-    meter_.charge(Work::kBundleProjection, point.count / 2);
+    meter_.charge(Work::kBundleProjection, point.count / 4);
     co_await background_.slice();
   }
+  if (with_velocities_)
+    for (const Camera& camera : cameras_)
+      if (camera.column >= 0) cost_ += prior_cost(camera, camera.velocity);
 }
 
 // S = U* - sum_i W_i V*_i^-1 W_i^T, rhs = ea - sum_i W_i V*_i^-1 eb_i.
+template <int N>
 Task BundleAdjuster::build_reduced_system(float lambda) {
+  using Jacobian = Eigen::Matrix<float, 2, N>;
+  using Coupling = Eigen::Matrix<float, N, 3>;
   lambda_ = lambda;  // back substitution damps alike
-  S_.resize(free_cameras_ * (free_cameras_ + 1) / 2);
-  rhs_.resize(free_cameras_);
-  for (Matrix6f& b : S_) b.setZero();
+  S_.resize(free_cameras_ * (free_cameras_ + 1) / 2 * N * N);
+  rhs_.resize(free_cameras_ * N);
+  std::fill(S_.begin(), S_.end(), 0.0f);
+  std::fill(rhs_.begin(), rhs_.end(), 0.0f);
+  // The datum's pose has no columns of its own.
+  const auto jacobian = [this](const Observation& o) {
+    Jacobian J;
+    J.template leftCols<6>() = o.A;
+    if constexpr (N == 12) {
+      if (!cameras_[o.camera].pose_free) J.template leftCols<6>().setZero();
+      J.template rightCols<6>() = o.A_v;
+    }
+    return J;
+  };
+  // First the cameras' own blocks, damped; then what the points take away.
+  for (const Point& point : points_) {
+    for (int k = point.first; k < point.first + point.count; ++k) {
+      const Observation& o = observations_[k];
+      const int c = cameras_[o.camera].column;
+      if (c < 0 || o.weight == 0) continue;
+      const Jacobian J = jacobian(o);
+      block<N>(c, c) += o.weight * (J.transpose() * J);
+      rhs<N>(c) += o.weight * (J.transpose() * o.e);
+    }
+    meter_.charge(Work::kBundleBlock, point.count * N / 12);
+    co_await background_.slice();
+  }
   for (const Camera& camera : cameras_) {
     if (camera.column < 0) continue;
-    Matrix6f& diagonal = block(camera.column, camera.column);
-    diagonal = camera.U;
+    auto diagonal = block<N>(camera.column, camera.column);
+    if constexpr (N == 12) {
+      const Vector6f information = prior_information(camera);
+      diagonal.diagonal().template tail<6>() += information;
+      rhs<N>(camera.column).template tail<6>() += information.cwiseProduct(camera.velocity_prior - camera.velocity);
+      if (!camera.pose_free) diagonal.diagonal().template head<6>().setOnes();
+    }
     diagonal.diagonal() *= 1 + lambda;
     diagonal.diagonal().array() += 1e-6f;
-    rhs_[camera.column] = camera.ea;
   }
-  Eigen::Matrix<float, 6, 3> W[kMaxMeasurements + 1], Y[kMaxMeasurements + 1];
-  for (Point& point : points_) {
+  Coupling W[kMaxMeasurements + 1], Y[kMaxMeasurements + 1];
+  for (const Point& point : points_) {
     Matrix3f V = point.V;
     V.diagonal() *= 1 + lambda;
     V.diagonal().array() += 1e-9f;
@@ -267,70 +345,84 @@ Task BundleAdjuster::build_reduced_system(float lambda) {
       const Observation& oa = observations_[point.first + a];
       const int ca = cameras_[oa.camera].column;
       if (ca < 0 || oa.weight == 0) continue;
-      W[a] = oa.weight * (oa.A.transpose() * oa.B);
+      W[a] = oa.weight * (jacobian(oa).transpose() * oa.B);
       Y[a] = W[a] * V_inverse;
-      rhs_[ca] -= Y[a] * point.eb;
+      rhs<N>(ca) -= Y[a] * point.eb;
       for (int b = 0; b <= a; ++b) {
         const Observation& ob = observations_[point.first + b];
         const int cb = cameras_[ob.camera].column;
         if (cb < 0 || ob.weight == 0) continue;
         if (ca >= cb) {
-          block(ca, cb) -= Y[a] * W[b].transpose();
+          block<N>(ca, cb) -= Y[a] * W[b].transpose();
         } else {
-          block(cb, ca) -= Y[b] * W[a].transpose();
+          block<N>(cb, ca) -= Y[b] * W[a].transpose();
         }
         ++blocks;
       }
     }
-    meter_.charge(Work::kBundleBlock, blocks + 1);
+    meter_.charge(Work::kBundleBlock, (blocks + 1) * (N * N / 36));
     co_await background_.slice();
   }
 }
 
 // S = L L^T block by block, then both triangular solves.
+template <int N>
 Task BundleAdjuster::solve_reduced_system() {
   solved_ = false;
   const int n = free_cameras_;
   for (int j = 0; j < n; ++j) {
     for (int i = j; i < n; ++i) {
-      Matrix6f& target = block(i, j);
-      for (int k = 0; k < j; ++k) target -= block(i, k) * block(j, k).transpose();
-      meter_.charge(Work::kBundleSolve, 216LL * (j + 1));
+      auto target = block<N>(i, j);
+      for (int k = 0; k < j; ++k) target -= block<N>(i, k) * block<N>(j, k).transpose();
+      meter_.charge(Work::kBundleSolve, static_cast<int64_t>(N) * N * N * (j + 1));
       if (i == j) {
         if (!factorise(target)) co_return;
       } else {
-        solve_right_transposed(block(j, j), target);
+        auto L = block<N>(j, j);
+        solve_right_transposed(L, target);
       }
       co_await background_.slice();
     }
   }
   for (int i = 0; i < n; ++i) {
-    for (int k = 0; k < i; ++k) rhs_[i] -= block(i, k) * rhs_[k];
-    solve_lower(block(i, i), rhs_[i]);
+    auto x = rhs<N>(i);
+    for (int k = 0; k < i; ++k) x -= block<N>(i, k) * rhs<N>(k);
+    solve_lower(block<N>(i, i), x);
   }
   for (int i = n - 1; i >= 0; --i) {
-    for (int k = i + 1; k < n; ++k) rhs_[i] -= block(k, i).transpose() * rhs_[k];
-    solve_lower_transposed(block(i, i), rhs_[i]);
+    auto x = rhs<N>(i);
+    for (int k = i + 1; k < n; ++k) x -= block<N>(k, i).transpose() * rhs<N>(k);
+    solve_lower_transposed(block<N>(i, i), x);
   }
-  meter_.charge(Work::kBundleSolve, 36LL * n * n);
+  meter_.charge(Work::kBundleSolve, static_cast<int64_t>(N) * N * n * n);
   solved_ = true;
-  for (int i = 0; i < n; ++i) solved_ = solved_ && rhs_[i].allFinite();
+  for (int i = 0; i < n; ++i) solved_ = solved_ && rhs<N>(i).allFinite();
 }
 
-// The step's poses and points, and what they cost at the same scale.
+// The step's poses, velocities and points, and what they cost at the same scale.
+template <int N>
 Task BundleAdjuster::evaluate_step() {
+  new_cost_ = 0;
   for (Camera& camera : cameras_) {
     if (camera.column < 0) continue;
-    camera.step = rhs_[camera.column];
-    camera.T_new = SE3::exp(camera.step) * camera.T;
+    const auto step = rhs<N>(camera.column);
+    if (camera.pose_free) camera.T_new = SE3::exp(step.template head<6>()) * camera.T;
+    if constexpr (N == 12) {
+      camera.velocity_new = camera.velocity + step.template tail<6>();
+      new_cost_ += prior_cost(camera, camera.velocity_new);
+    }
   }
-  new_cost_ = 0;
   for (Point& point : points_) {
     Vector3f b = point.eb;
     for (int k = point.first; k < point.first + point.count; ++k) {
       const Observation& o = observations_[k];
       const Camera& camera = cameras_[o.camera];
-      if (camera.column >= 0 && o.weight != 0) b -= o.weight * (o.B.transpose() * (o.A * camera.step));
+      if (camera.column < 0 || o.weight == 0) continue;
+      const auto step = rhs<N>(camera.column);
+      Vector2f shift = Vector2f::Zero();
+      if (camera.pose_free) shift += o.A * step.template head<6>();
+      if constexpr (N == 12) shift += o.A_v * step.template tail<6>();
+      b -= o.weight * (o.B.transpose() * shift);
     }
     Matrix3f V = point.V;
     V.diagonal() *= 1 + lambda_;
@@ -339,10 +431,10 @@ Task BundleAdjuster::evaluate_step() {
     point.p_new = step.allFinite() ? Vector3f(point.p + step) : point.p;
     for (int k = point.first; k < point.first + point.count; ++k) {
       const Observation& o = observations_[k];
+      const Camera& camera = cameras_[o.camera];
       Vector2f px;
-      const float error_sq = config_.camera.project(cameras_[o.camera].T_new * point.p_new, &px)
-                                 ? ((o.px - px) * o.inv_sigma).squaredNorm()
-                                 : 1e12f;
+      const Vector3f p_c = moved(camera.T_new * point.p_new, camera.velocity_new, o.dt_s);
+      const float error_sq = config_.camera.project(p_c, &px) ? ((o.px - px) * o.inv_sigma).squaredNorm() : 1e12f;
       new_cost_ += tukey_cost(error_sq, sigma_);
     }
     meter_.charge(Work::kBundleProjection, point.count);
@@ -355,8 +447,10 @@ void BundleAdjuster::commit() {
   for (int k = 0; k < cameras_.size(); ++k) {
     Camera& camera = cameras_[k];
     if (camera.column < 0) continue;
-    camera.T = {orthonormalised(camera.T_new.R), camera.T_new.t};
+    camera.T = camera.T_new = {orthonormalised(camera.T_new.R), camera.T_new.t};
+    camera.velocity = camera.velocity_new;
     map_.keyframes[k].T_kw = camera.T;
+    map_.keyframes[k].velocity = camera.velocity;
   }
   for (Point& point : points_) {
     point.p = point.p_new;

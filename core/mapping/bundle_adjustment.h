@@ -13,6 +13,9 @@
 
 namespace pptam {
 
+// With more free keyframes than this, velocities are held: blocks of 12 rows cost four to eight times as much.
+constexpr int kMaxVelocityCameras = 16;
+
 struct BundleResult {
   bool converged = false;  // otherwise interrupted, or out of iterations
   int iterations = 0;      // accepted steps
@@ -25,10 +28,10 @@ class BundleAdjuster {
  public:
   BundleAdjuster(Arena& arena, const Config& config, Map& map, WorkMeter& meter, Background& background);
 
-  // Adjusts all keyframes but the first (newest = -1), or the newest and its four nearest with the others fixed
-  // [ptam 6.3]. Afterwards removes measurements of zero weight and points left with fewer than two. A coroutine of
-  // `background`. result may be read when it has ended.
-  Task run(int newest, int max_iterations);
+  // Adjusts all keyframes but the first's pose (newest = -1), or the newest and its four nearest with the others fixed
+  // [ptam 6.3]; their velocities too if asked for. Afterwards removes measurements of zero weight and points left with
+  // fewer than two. A coroutine of `background`. result may be read when it has ended.
+  Task run(int newest, bool velocities, int max_iterations);
   const BundleResult& result() const { return result_; }
 
   FrameStack& frames() { return background_.frames(); }
@@ -36,10 +39,10 @@ class BundleAdjuster {
  private:
   struct Camera {
     SE3 T, T_new;
-    int column = -1;  // among the free cameras; -1: fixed
-    Matrix6f U = Matrix6f::Zero();
-    Vector6f ea = Vector6f::Zero();
-    Vector6f step = Vector6f::Zero();
+    Vector6f velocity = Vector6f::Zero(), velocity_new = Vector6f::Zero(), velocity_prior = Vector6f::Zero();
+    int column = -1;         // among the free cameras; -1: fixed
+    bool pose_free = false;  // the first keyframe's pose is the datum; its velocity may be free all the same
+    float depth = 1;
   };
   struct Point {
     int32_t index = 0;  // in Map::points
@@ -50,25 +53,42 @@ class BundleAdjuster {
     Vector3f eb = Vector3f::Zero();
   };
   struct Observation {
-    int16_t camera = 0;              // keyframe index
-    int16_t measurement = 0;         // index in the point's list
-    Vector2f px = Vector2f::Zero();  // corrected
+    int16_t camera = 0;       // keyframe index
+    int16_t measurement = 0;  // index in the point's list
+    Vector2f px = Vector2f::Zero();
+    float dt_s = 0;           // of its line
     float inv_sigma = 1;
     float weight = 0;
     float error_sq = 0;
     Vector2f e = Vector2f::Zero();
-    Matrix26f A = Matrix26f::Zero();
-    Matrix23f B = Matrix23f::Zero();
+    Matrix26f A = Matrix26f::Zero();    // d(px)/d(pose) / sigma
+    Matrix26f A_v = Matrix26f::Zero();  // d(px)/d(velocity) / sigma
+    Matrix23f B = Matrix23f::Zero();    // d(px)/d(point) / sigma
   };
 
-  Task gather(int newest);
+  Task gather(int newest, bool velocities);
+  template <int N>
+  Task iterate(int max_iterations);
   Task linearise();
+  template <int N>
   Task build_reduced_system(float lambda);
+  template <int N>
   Task solve_reduced_system();
+  template <int N>
   Task evaluate_step();
   Task discard_outliers();
   void commit();
-  Matrix6f& block(int i, int j) { return S_[i * (i + 1) / 2 + j]; }  // i >= j
+  float prior_cost(const Camera& camera, const Vector6f& velocity) const;
+  Vector6f prior_information(const Camera& camera) const;
+  // Lower triangle of NxN blocks, row by row; i >= j.
+  template <int N>
+  Eigen::Map<Eigen::Matrix<float, N, N>> block(int i, int j) {
+    return Eigen::Map<Eigen::Matrix<float, N, N>>(S_.data() + (i * (i + 1) / 2 + j) * N * N);
+  }
+  template <int N>
+  Eigen::Map<Eigen::Matrix<float, N, 1>> rhs(int i) {
+    return Eigen::Map<Eigen::Matrix<float, N, 1>>(rhs_.data() + i * N);
+  }
 
   const Config& config_;
   Map& map_;
@@ -77,14 +97,15 @@ class BundleAdjuster {
   FixedVector<Camera> cameras_;  // one per keyframe
   FixedVector<Point> points_;
   FixedVector<Observation> observations_;
-  FixedVector<Matrix6f> S_;  // lower triangle of blocks, row by row
-  FixedVector<Vector6f> rhs_;
+  FixedVector<float> S_;
+  FixedVector<float> rhs_;
   FixedVector<float> squared_;
   int free_cameras_ = 0;
   float sigma_ = 1;
   float lambda_ = 0;
   float cost_ = 0, new_cost_ = 0;
   bool solved_ = false;
+  bool with_velocities_ = false;
   BundleResult result_;
 };
 

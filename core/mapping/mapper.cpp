@@ -71,14 +71,14 @@ Task Mapper::run() {
       co_await insert_keyframe();
     } else if (local_pending_) {
       local_pending_ = false;
-      co_await bundle_.run(newest_, kBundleIterations);
+      co_await bundle_.run(newest_, true, kBundleIterations);
     } else if (full_pending_) {
       full_pending_ = false;
-      co_await bundle_.run(-1, kBundleIterations);
+      co_await bundle_.run(-1, true, kBundleIterations);
       if (!bundle_.result().converged) full_pending_ = true;
       if (bundle_.result().converged) {
         co_await discard_unreliable_points();
-        if (velocity_rounds_ < 3) { ++velocity_rounds_; co_await update_velocities(); full_pending_ = true; }
+        if (map_.keyframes.size() > kMaxVelocityCameras && velocity_rounds_ < 3) { ++velocity_rounds_; co_await update_velocities(); full_pending_ = true; }
       }
     } else {
       resting_ = true;
@@ -89,7 +89,7 @@ Task Mapper::run() {
 
 Task Mapper::finish_initial_map() {
   for (int round = 0; round < 2; ++round) {  // again without the outliers of the first
-    co_await bundle_.run(-1, kInitialIterations);
+    co_await bundle_.run(-1, true, kInitialIterations);
   }
   if (bundle_.result().sigma > kMaxInitialSigma || map_.point_count() < kMinInitialPoints ||
       !align_to_dominant_plane()) {

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "tests/support/random.h"
-#include "tracking/pose_update.h"
+#include "geometry/pose_update.h"
 
 namespace pptam {
 namespace {

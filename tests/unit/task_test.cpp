@@ -59,7 +59,7 @@ class Jobs : public Background {
 
 class TaskTest : public ::testing::Test {
  protected:
-  static constexpr size_t kFrameBytes = 4096;
+  static constexpr size_t kFrameBytes = 16 * 1024;
   alignas(16) std::byte block_[2 * kFrameBytes];
   Arena arena_{block_};
   WorkMeter meter_;
@@ -100,17 +100,19 @@ TEST_F(TaskTest, NestedJobsRunInOrderAndRestAlwaysPauses) {
   EXPECT_EQ(jobs_.log, "(x(x1(x11)(x12))(x2(x21)(x22)))");
 }
 
-// Frames take a few hundred bytes each; a stack of 4096 would overflow (and trap) within some tens of rounds if a frame
-// stayed behind.
+// Frames take a few hundred bytes each; the stack of 16 KB would overflow (and trap) within some tens of rounds if a
+// frame stayed behind.
 TEST_F(TaskTest, FramesGoBackToTheStack) {
   jobs_.run(jobs_.forever());
   for (int i = 0; i < 4 * 1000; ++i) jobs_.resume();
-  EXPECT_EQ(jobs_.rounds, 1000 - 1 + 1);
+  EXPECT_EQ(jobs_.rounds, 1000);  // four pauses a round
   void* probe = jobs_.frames().push(16);
   jobs_.frames().pop(probe);
   jobs_.drop();
-  for (int i = 0; i < 1000; ++i) jobs_.run(jobs_.nothing());
-  jobs_.drop();
+  for (int i = 0; i < 1000; ++i) {
+    jobs_.run(jobs_.nothing());
+    jobs_.drop();  // the old job's frame goes before the next one's comes: last in, first out
+  }
   void* first = jobs_.frames().push(kFrameBytes);  // all of it is free again
   EXPECT_NE(first, nullptr);
   jobs_.frames().pop(first);

@@ -1,0 +1,107 @@
+// Not one allocation from create() to the end of a whole replay, mapping included. An executable of its own: it replaces
+// the global operator new, and its link wraps malloc and its relatives (-Wl,--wrap).
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <new>
+
+#include "tests/scenario/recording.h"
+
+namespace {
+long allocations = 0;
+}  // namespace
+
+extern "C" {
+void* __real_malloc(size_t size);
+void* __real_calloc(size_t count, size_t size);
+void* __real_realloc(void* block, size_t size);
+void* __wrap_malloc(size_t size);
+void* __wrap_calloc(size_t count, size_t size);
+void* __wrap_realloc(void* block, size_t size);
+void* __wrap_malloc(size_t size) {
+  ++allocations;
+  return __real_malloc(size);
+}
+void* __wrap_calloc(size_t count, size_t size) {
+  ++allocations;
+  return __real_calloc(count, size);
+}
+void* __wrap_realloc(void* block, size_t size) {
+  ++allocations;
+  return __real_realloc(block, size);
+}
+}
+
+void* operator new(size_t size) {
+  ++allocations;
+  void* block = __real_malloc(size > 0 ? size : 1);
+  if (!block) throw std::bad_alloc();
+  return block;
+}
+void* operator new[](size_t size) {
+  return operator new(size);
+}
+void operator delete(void* block) noexcept {
+  std::free(block);
+}
+void operator delete[](void* block) noexcept {
+  std::free(block);
+}
+void operator delete(void* block, size_t) noexcept {
+  std::free(block);
+}
+void operator delete[](void* block, size_t) noexcept {
+  std::free(block);
+}
+
+namespace pptam {
+namespace {
+
+TEST(NoHeap, TrackingAndMappingAllocateNothing) {
+  sim::PhoneOptions options;
+  options.duration_s = 8;
+  const test::Recording recording = test::record(options);
+  test::Phone phone(test::config_for(recording));
+  std::vector<KeyframeInfo> keyframes(40);
+  std::vector<MapPointInfo> points(1000);
+
+  const long before = allocations;
+  int poses = 0, most_keyframes = 0;
+  bool lost = false;
+  std::vector<int>* control = nullptr;
+  phone->tap();
+  for (int i = 0; i < recording.size(); ++i) {
+    const TrackResult result = phone->track(recording.frame(i));
+    poses += result.pose_valid;
+    most_keyframes = std::max(most_keyframes, result.keyframes);
+    while (phone->has_work()) phone->work_slice();
+    phone->keyframes(keyframes);
+    phone->map_points(points);
+  }
+  int64_t now_ns = recording.timestamps_ns.back();
+  for (int i = 0; i < 30; ++i) {  // another place: lost, and the relocaliser at work
+    now_ns += 66666667;
+    lost |= phone->track(recording.frame(i % 2 ? 0 : recording.size() / 2, now_ns)).state == TrackingState::kLost;
+    while (phone->has_work()) phone->work_slice();
+  }
+  phone->reset();
+  phone->tap();
+  phone->work_slice();
+  const long during = allocations - before;
+
+  EXPECT_EQ(during, 0);
+  EXPECT_GT(poses, 20) << "the replay must have a map, or nothing was tested";
+  EXPECT_GE(most_keyframes, 4);
+  (void)lost;
+
+  // The counter counts.
+  control = new std::vector<int>(100);
+  EXPECT_EQ(allocations - before - during, 2);
+  delete control;
+  void* volatile block = std::malloc(10);
+  std::free(block);
+  EXPECT_EQ(allocations - before - during, 3);
+}
+
+}  // namespace
+}  // namespace pptam

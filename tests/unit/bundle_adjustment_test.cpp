@@ -1,0 +1,441 @@
+// Bundle adjustment on maps built by hand: exact ones stay, disturbed ones return, outliers go, and the result does not
+// depend on how the work is cut.
+#include "mapping/bundle_adjustment.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <vector>
+
+#include "geometry/robust.h"
+#include "tests/support/random.h"
+
+namespace pptam {
+namespace {
+
+constexpr int kKeyframes = 7;
+constexpr int kPoints = 120;
+constexpr double kFocal_px = 358.6;
+constexpr int kMaxIterations = 30;
+
+Config test_config() {
+  CameraModel camera;
+  camera.width = 240;
+  camera.height = 320;
+  camera.fx = camera.fy = static_cast<float>(kFocal_px);
+  camera.cx = 119.5f;
+  camera.cy = 159.5f;
+  camera.prepare();
+  Config config = Config::phone(camera);
+  config.max_keyframes = 10;
+  config.max_map_points = 150;
+  return config;
+}
+
+class Job : public Background {
+ public:
+  Job(Arena& arena, WorkMeter& meter) : Background(arena, 8192, meter) {}
+  void start(BundleAdjuster& bundle, int newest, int iterations) {
+    done = false;
+    resume();
+    task_ = work(bundle, newest, iterations);
+    task_.start();
+  }
+  bool done = false;
+
+ private:
+  Task work(BundleAdjuster& bundle, int newest, int iterations) {
+    co_await bundle.run(newest, iterations);
+    done = true;
+  }
+  Task task_;
+};
+
+struct Problem {
+  double noise = 0;          // of the measurements, in their sigmas (2 px)
+  double outliers = 0;       // share of the measurements that are 20 to 60 px off
+  double pose_error = 0;     // world units and radians, 1 sigma; not of the first keyframe
+  double point_error = 0;    // world units
+  float instructions = 600;  // per projection: decides where the slices end
+};
+
+// A map, its bundle adjuster and the truth. Cameras half a unit around, looking at points one unit away.
+class World {
+ public:
+  explicit World(const Problem& problem, uint64_t seed = 0) : config_(test_config()), engine_(seed) {
+    config_.profile.instructions.fill(problem.instructions);
+    meter_.set_profile(config_.profile);
+    Arena measure;
+    build(measure);
+    block_.resize(measure.used() + 16);
+    void* start = block_.data();
+    size_t space = block_.size();
+    std::align(16, measure.used(), start, space);
+    Arena arena({static_cast<std::byte*>(start), measure.used()});
+    build(arena);
+    fill(problem);
+  }
+
+  Map& map() { return *map_; }
+  BundleAdjuster& bundle() { return *bundle_; }
+  Job& job() { return *job_; }
+  const Config& config() const { return config_; }
+  int wrong_left() const {
+    int left = 0;
+    for (const MapPoint& point : map_->points) {
+      if (point.id == 0) continue;
+      for (const Measurement& m : point.measurements)
+        left += std::find(wrong_.begin(), wrong_.end(), std::pair<uint32_t, int>(point.id, m.keyframe)) != wrong_.end();
+    }
+    return left;
+  }
+  int wrong_made() const { return static_cast<int>(wrong_.size()); }
+
+  void run(int newest = -1) {
+    job_->start(*bundle_, newest, kMaxIterations);
+    while (!job_->done) job_->resume();
+  }
+
+  // Root mean square distance of the points from the truth after the best similarity, world units.
+  double point_distance() const {
+    std::vector<Eigen::Vector3d> a, b;
+    for (int i = 0; i < map_->points.size(); ++i) {
+      if (map_->points[i].id == 0) continue;
+      a.push_back(map_->points[i].p_w.cast<double>());
+      b.push_back(truth_[static_cast<size_t>(i)]);
+    }
+    Eigen::Matrix3Xd A(3, a.size()), B(3, b.size());
+    for (size_t i = 0; i < a.size(); ++i) {
+      A.col(static_cast<Eigen::Index>(i)) = a[i];
+      B.col(static_cast<Eigen::Index>(i)) = b[i];
+    }
+    const Eigen::Matrix4d S = Eigen::umeyama(A, B, true);
+    return std::sqrt(((S * A.colwise().homogeneous()).topRows<3>() - B).squaredNorm() / static_cast<double>(a.size()));
+  }
+
+  // Root mean square reprojection error, in sigmas.
+  double reprojection_rms() const {
+    double sum = 0;
+    int count = 0;
+    for (const MapPoint& point : map_->points) {
+      if (point.id == 0) continue;
+      for (const Measurement& m : point.measurements) {
+        sum += error_sq(m, point.p_w.cast<double>());
+        ++count;
+      }
+    }
+    return std::sqrt(sum / count);
+  }
+
+  // The objective in double, at one scale, over the measurements that the map had at the start of the points that it
+  // still has.
+  double cost(float sigma) const { return cost_of(sigma, false); }
+  double cost_of_truth(float sigma) const { return cost_of(sigma, true); }
+
+ private:
+  double uniform(double low, double high) {
+    state_ = state_ * 6364136223846793005ull + 1442695040888963407ull + engine_;
+    return low + (high - low) * (static_cast<double>(state_ >> 11) * 0x1.0p-53);
+  }
+  double gaussian() {
+    double sum = -6;
+    for (int i = 0; i < 12; ++i) sum += uniform(0, 1);
+    return sum;
+  }
+  Vector6f twist(double size) {
+    Vector6f mu;
+    for (int i = 0; i < 6; ++i) mu(i) = static_cast<float>(size * gaussian());
+    return mu;
+  }
+
+  void build(Arena& arena) {
+    map_ = std::make_unique<Map>(arena, config_);
+    job_ = std::make_unique<Job>(arena, meter_);
+    bundle_ = std::make_unique<BundleAdjuster>(arena, config_, *map_, meter_, *job_);
+  }
+
+  void fill(const Problem& problem) {
+    std::vector<SE3> T_true;
+    for (int k = 0; k < kKeyframes; ++k) {
+      const double angle = 2 * 3.14159265 * k / kKeyframes;
+      const Vector3f centre = k == 0 ? Vector3f::Zero()
+                                     : Vector3f(static_cast<float>(0.25 * std::cos(angle)),
+                                                static_cast<float>(0.25 * std::sin(angle)), 0.05f);
+      const Vector3f z = (Vector3f(0, 0, 1) - centre).normalized();
+      const Vector3f x = Vector3f::UnitY().cross(z).normalized();
+      SE3 T;
+      T.R.row(0) = x.transpose();
+      T.R.row(1) = z.cross(x).transpose();
+      T.R.row(2) = z.transpose();
+      T.t = -(T.R * centre);
+      T_true.push_back(T);
+      map_->queued = 1;
+      map_->queue[0].frame.T_kw = k == 0 ? T : SE3::exp(twist(problem.pose_error)) * T;
+      map_->add_keyframe(map_->queue[0]);
+      map_->pop_queue();
+    }
+    for (int i = 0; i < kPoints; ++i) {
+      const Eigen::Vector3d p(uniform(-0.2, 0.2), uniform(-0.25, 0.25), uniform(0.8, 1.2));
+      const int index = map_->add_point();
+      MapPoint& point = map_->points[index];
+      for (int a = 0; a < 3; ++a) point.p_w(a) = static_cast<float>(p(a) + problem.point_error * gaussian());
+      truth_.push_back(p);
+      point.source.keyframe = 0;
+      for (int k = 0; k < kKeyframes; ++k) {
+        if (k > 0 && uniform(0, 1) < 0.3) continue;
+        Measurement m;
+        m.keyframe = static_cast<int16_t>(k);
+        m.sigma = 2;
+        Vector2f px;
+        EXPECT_TRUE(config_.camera.project(T_true[static_cast<size_t>(k)] * p.cast<float>(), &px));
+        for (int a = 0; a < 2; ++a) m.px(a) = px(a) + static_cast<float>(problem.noise * 2 * gaussian());
+        if (k > 0 && uniform(0, 1) < problem.outliers) {
+          const double angle = uniform(0, 6.28318), size = uniform(20, 60);
+          m.px += Vector2f(static_cast<float>(size * std::cos(angle)), static_cast<float>(size * std::sin(angle)));
+          wrong_.emplace_back(point.id, k);
+        }
+        point.measurements.push_back(m);
+        started_with_.push_back({i, m});
+      }
+    }
+    T_true_ = T_true;
+  }
+
+  double error_sq(const Measurement& m, const Eigen::Vector3d& p_w, const SE3* T = nullptr) const {
+    const SE3& pose = T ? *T : map_->keyframes[m.keyframe].T_kw;
+    const Eigen::Vector3d p_c = pose.R.cast<double>() * p_w + pose.t.cast<double>();
+    const Eigen::Vector2d px = kFocal_px * p_c.hnormalized() + Eigen::Vector2d(119.5, 159.5);
+    return ((m.px.cast<double>() - px) / static_cast<double>(m.sigma)).squaredNorm();
+  }
+  double cost_of(float sigma, bool truth) const {
+    double sum = 0;
+    for (const auto& [i, m] : started_with_) {
+      if (map_->points[i].id == 0) continue;
+      const Eigen::Vector3d p = truth ? truth_[static_cast<size_t>(i)] : map_->points[i].p_w.cast<double>();
+      sum += static_cast<double>(tukey_cost(
+          static_cast<float>(error_sq(m, p, truth ? &T_true_[static_cast<size_t>(m.keyframe)] : nullptr)), sigma));
+    }
+    return sum;
+  }
+
+  Config config_;
+  uint64_t engine_;
+  uint64_t state_ = 1;
+  std::vector<std::byte> block_;
+  WorkMeter meter_;
+  std::unique_ptr<Map> map_;
+  std::unique_ptr<Job> job_;
+  std::unique_ptr<BundleAdjuster> bundle_;
+  std::vector<Eigen::Vector3d> truth_;
+  std::vector<SE3> T_true_;
+  std::vector<std::pair<uint32_t, int>> wrong_;
+  std::vector<std::pair<int, Measurement>> started_with_;
+};
+
+// Disturbed by 3.6 px a pose and 7 px a point.
+Problem disturbed() {
+  Problem problem;
+  problem.pose_error = 0.01;
+  problem.point_error = 0.02;
+  return problem;
+}
+
+// float32: a coordinate of about 1 is good to 6e-8, its image to 6e-8 x f x some 10 roundings = 2e-4 px = 1e-4 sigma.
+constexpr double kRounding_sigma = 3e-4;
+
+TEST(BundleAdjustment, AnExactMapStays) {
+  test::Random random;
+  World world(Problem(), random.seed());
+  const SE3 datum = world.map().keyframes[0].T_kw;
+  world.run();
+  EXPECT_TRUE(world.bundle().result().converged);
+  EXPECT_LT(world.reprojection_rms(), kRounding_sigma);
+  // The image's rounding in distance: 2e-4 px / f over the parallax of 0.25 units.
+  EXPECT_LT(world.point_distance(), 4 * 6e-4 / kFocal_px);
+  EXPECT_EQ(world.map().keyframes[0].T_kw.R, datum.R);
+  EXPECT_EQ(world.map().keyframes[0].T_kw.t, datum.t);
+  EXPECT_EQ(world.map().point_count(), kPoints);
+  World worse(disturbed(), random.seed());
+  EXPECT_GT(worse.reprojection_rms(), 100 * kRounding_sigma);
+  EXPECT_GT(worse.point_distance(), 400 * 6e-4 / kFocal_px) << "the measures must be able to fail";
+}
+
+TEST(BundleAdjustment, ADisturbedMapReturnsToTheTruth) {
+  test::Random random;
+  for (uint64_t trial = 0; trial < 10; ++trial) {
+    World world(disturbed(), random.seed() + trial);
+    world.run();
+    const BundleResult& result = world.bundle().result();
+    EXPECT_TRUE(result.converged);
+    EXPECT_LT(result.final_cost, result.initial_cost);
+    EXPECT_EQ(world.map().point_count(), kPoints);
+    // Stops when a step gains less than a thousandth of the cost: a residual of at most 3 % of the last step's, itself
+    // at rounding.
+    EXPECT_LT(world.reprojection_rms(), 2 * kRounding_sigma) << trial;
+    EXPECT_LT(world.point_distance(), 8 * 6e-4 / kFocal_px) << trial;
+  }
+}
+
+TEST(BundleAdjustment, NoiseAndOutliersLeaveTheBestMap) {
+  test::Random random;
+  for (uint64_t trial = 0; trial < 10; ++trial) {
+    Problem problem = disturbed();
+    problem.noise = 0.3;
+    problem.outliers = 0.08;
+    World world(problem, random.seed() + trial);
+    ASSERT_GT(world.wrong_made(), 20);
+    world.run();
+    const BundleResult& result = world.bundle().result();
+    EXPECT_TRUE(result.converged) << trial;
+    // Scale: the median over good and bad (8 % bad: the 0.543 quantile of the good, 1.06 times the scale), residuals
+    // shrunk by the 400 fitted of 1200 equations (0.82); the median's own error is 4 %.
+    EXPECT_GT(result.sigma, 0.3 * 0.82 * 0.85) << trial;
+    EXPECT_LT(result.sigma, 0.3 * 1.06 * 1.12) << trial;
+    // 5.12 x 0.3 sigmas are 3 px; what is 20 px off cannot be fitted by a point with two or more good measurements. A
+    // point with a single good one besides (one in 200) can hide its outlier.
+    EXPECT_LE(world.wrong_left(), 3) << trial;
+    // Three of ten points have a bad measurement; one that started out nearer to the bad one than to the good ones loses
+    // its source view to the weights and goes. A third of them would be far too many.
+    EXPECT_GT(world.map().point_count(), kPoints - kPoints / 10) << trial;
+    // Depth from parallaxes of about 14 degrees: 0.3 x 2 px / f / 0.25 / sqrt(3 views) = 0.004 units, and as much for
+    // the poses; without outlier rejection 40 px make it 0.1 and more.
+    EXPECT_LT(world.point_distance(), 0.012) << trial;
+  }
+}
+
+TEST(BundleAdjustment, TheMinimumCostsNoMoreThanTheTruth) {
+  test::Random random;
+  for (uint64_t trial = 0; trial < 5; ++trial) {
+    Problem problem = disturbed();
+    problem.noise = 0.3;
+    World world(problem, random.seed() + trial);
+    world.run();
+    const float sigma = world.bundle().result().sigma;
+    // Without outliers only a point with two measurements that began far off can go.
+    ASSERT_GE(world.map().point_count(), kPoints - 2);
+    EXPECT_LT(world.cost(sigma), world.cost_of_truth(sigma)) << trial;
+    // And by as much as its parameters can fit: each takes half a squared sigma: (3 x 120 + 6 x 6 - 1) / 2 x 0.09, of
+    // which at least half must be there.
+    EXPECT_LT(world.cost(sigma), world.cost_of_truth(sigma) - 0.25 * 395 * 0.09) << trial;
+  }
+}
+
+TEST(BundleAdjustment, LocalAdjustmentHoldsTheOthers) {
+  test::Random random;
+  World world(disturbed(), random.seed());
+  SE3 before[kKeyframes];
+  for (int k = 0; k < kKeyframes; ++k) before[k] = world.map().keyframes[k].T_kw;
+  const double start = world.reprojection_rms();
+  world.run(kKeyframes - 1);
+  int moved = 0;
+  for (int k = 0; k < kKeyframes; ++k) moved += world.map().keyframes[k].T_kw.t != before[k].t;
+  EXPECT_EQ(moved, 5) << "the newest and its four nearest";
+  EXPECT_EQ(world.map().keyframes[0].T_kw.t, before[0].t);
+  EXPECT_NE(world.map().keyframes[kKeyframes - 1].T_kw.t, before[kKeyframes - 1].t);
+  EXPECT_LT(world.reprojection_rms(), start);
+}
+
+TEST(BundleAdjustment, TheSameBitsHoweverItIsCut) {
+  test::Random random;
+  Problem problem = disturbed();
+  problem.noise = 0.3;
+  problem.outliers = 0.05;
+  uint64_t hash = 0;
+  int most_pauses = 0;
+  // From one go (free work) to a pause at every opportunity.
+  for (const float instructions : {0.0f, 60.0f, 600.0f, 3777.0f, 1e6f}) {
+    problem.instructions = instructions;
+    World world(problem, random.seed());
+    world.job().start(world.bundle(), -1, kMaxIterations);
+    int pauses = 0;
+    for (; !world.job().done; ++pauses) world.job().resume();
+    if (instructions == 0) {
+      EXPECT_EQ(pauses, 0);
+      hash = world.map().hash();
+    }
+    EXPECT_EQ(world.map().hash(), hash) << instructions;
+    EXPECT_GE(pauses, most_pauses);
+    most_pauses = pauses;
+  }
+  EXPECT_GT(most_pauses, 1000);
+  problem.instructions = 0;
+  World other(problem, random.seed() + 1);
+  other.run();
+  EXPECT_NE(other.map().hash(), hash) << "another problem has another result";
+}
+
+TEST(BundleAdjustment, CommitsWholeStepsThatNeverCostMore) {
+  test::Random random;
+  Problem problem = disturbed();
+  problem.noise = 0.3;
+  problem.outliers = 0.05;
+  problem.instructions = 1e6f;  // pauses at every opportunity
+  World world(problem, random.seed());
+  std::vector<uint64_t> states = {world.map().hash()};
+  world.job().start(world.bundle(), -1, kMaxIterations);
+  int pauses = 0;
+  float sigma = 0;
+  double cost = 0;
+  for (; !world.job().done; ++pauses) {
+    // The scale of the step that may be committed in the next slice.
+    if (world.bundle().result().sigma != sigma) {
+      sigma = world.bundle().result().sigma;
+      cost = world.cost(sigma);
+    }
+    world.job().resume();
+    if (world.map().hash() == states.back()) continue;
+    states.push_back(world.map().hash());
+    if (world.bundle().result().converged) break;  // outliers go one by one from here
+    // float32 sums of some 600 costs: 1e-5.
+    EXPECT_LE(world.cost(sigma), cost * (1 + 1e-5)) << "after step " << states.size() - 1;
+  }
+  const int steps = world.bundle().result().iterations;
+  ASSERT_GE(steps, 3);
+  ASSERT_GE(static_cast<int>(states.size()), steps + 1) << "one state before, one after each step";
+  states.resize(static_cast<size_t>(steps) + 1);
+
+  // A keyframe that arrives at any time ends the work, and the map is one of those states.
+  int different_ends = 0;
+  uint64_t last_end = 0;
+  for (int when = 0; when < pauses; when += 1 + pauses / 40) {
+    World interrupted(problem, random.seed());
+    interrupted.job().start(interrupted.bundle(), -1, kMaxIterations);
+    for (int i = 0; i < when && !interrupted.job().done; ++i) interrupted.job().resume();
+    if (interrupted.bundle().result().converged) break;
+    interrupted.map().queued = 1;
+    while (!interrupted.job().done) interrupted.job().resume();
+    if (interrupted.bundle().result().converged) continue;  // it was about to end: outliers have been removed
+    const uint64_t end = interrupted.map().hash();
+    EXPECT_NE(std::find(states.begin(), states.end(), end), states.end()) << "interrupted at pause " << when;
+    different_ends += end != last_end;
+    last_end = end;
+  }
+  EXPECT_GE(different_ends, 2);
+}
+
+TEST(BundleAdjustment, DegenerateMapsDoNoHarm) {
+  // One camera position only: no depth can be told. Nothing may become infinite, the cost may not rise.
+  test::Random random;
+  World world(disturbed(), random.seed());
+  for (Keyframe& keyframe : world.map().keyframes) keyframe.T_kw = world.map().keyframes[0].T_kw;
+  for (MapPoint& point : world.map().points)
+    for (Measurement& m : point.measurements) m.px = point.measurements[0].px;
+  world.run();
+  for (const Keyframe& keyframe : world.map().keyframes) {
+    EXPECT_TRUE(keyframe.T_kw.R.allFinite());
+    EXPECT_TRUE(keyframe.T_kw.t.allFinite());
+  }
+  for (const MapPoint& point : world.map().points) EXPECT_TRUE(point.p_w.allFinite());
+  EXPECT_LE(world.bundle().result().final_cost, world.bundle().result().initial_cost);
+  // No points, or one keyframe: nothing to do, and it says so by doing nothing.
+  World empty{Problem()};
+  for (int i = 0; i < empty.map().points.size(); ++i) empty.map().remove_point(i);
+  empty.run();
+  EXPECT_EQ(empty.bundle().result().iterations, 0);
+}
+
+}  // namespace
+}  // namespace pptam

@@ -1,0 +1,42 @@
+# Sourced by tests/run.sh and sim_phone/demo.sh: the Debian packages that a build needs, and how they get installed.
+
+program_packages=(
+  g++ cmake ninja-build pkgconf
+  libeigen3-dev                                         # the core
+  libyaml-cpp-dev libgdk-pixbuf-2.0-dev                 # platform: calibrations, images
+  libcli11-dev libcairo2-dev                            # the program: options, pictures
+  ffmpeg gnuplot-nox                                    # the program runs them: videos, plots
+)
+test_packages=(libgtest-dev)
+
+# install_packages NAME...: those that are not installed yet. Calls apt only when one is missing, so that everything
+# works without a network once it is there.
+install_packages() {
+  local name missing=() as_root=()
+  for name in "$@"; do
+    if [[ "$(dpkg-query --show --showformat='${db:Status-Status}' "$name" 2>/dev/null)" != installed ]]; then
+      missing+=("$name")
+    fi
+  done
+  ((${#missing[@]} == 0)) && return 0
+
+  if ! command -v apt-get >/dev/null; then
+    echo "error: there is no apt-get here to install what is missing. By their Debian names: ${missing[*]}" >&2
+    echo "On another system, install the same by hand; README.md says how to build without this script." >&2
+    return 1
+  fi
+  if ((EUID != 0)); then
+    if ! command -v sudo >/dev/null; then
+      echo "error: not root, and there is no sudo. Let root run: apt-get install ${missing[*]}" >&2
+      return 1
+    fi
+    as_root=(sudo)
+  fi
+  echo "== installing (a minute or two): ${missing[*]}"
+  as_root+=(env DEBIAN_FRONTEND=noninteractive)
+  "${as_root[@]}" apt-get -qq update || true  # one broken source need not matter; the next line tells
+  if ! "${as_root[@]}" apt-get -qq -o Dpkg::Use-Pty=0 install -y --no-install-recommends "${missing[@]}" >/dev/null; then
+    echo "error: apt-get could not install: ${missing[*]}" >&2
+    return 1
+  fi
+}
