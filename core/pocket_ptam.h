@@ -150,7 +150,7 @@ class System {
  public:
   // Bytes of memory that create() needs for this configuration.
   static size_t required_bytes(const Config& config);
-  // Builds the system inside memory (16-byte aligned, at least required_bytes), which must outlive it. *system is set
+  // Builds the system inside memory (aligned as by malloc, at least required_bytes), which must outlive it. *system is set
   // only on success; there is nothing to destroy.
   static Status create(const Config& config, std::span<std::byte> memory, System** system);
 

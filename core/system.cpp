@@ -51,7 +51,8 @@ Status Config::validate() const {
     return {StatusCode::kInvalidArgument, "Config::max_partial_points must be within 1 to 30000"};
   if (max_measured_points < 16 || max_measured_points > 250)
     return {StatusCode::kInvalidArgument, "Config::max_measured_points must be within 16 to 250"};
-  if (max_partial_searches < 0 || max_partial_searches > 1000 || max_new_partial_points < 0)
+  if (max_partial_searches < 0 || max_partial_searches > 1000 || max_new_partial_points < 0 ||
+      max_new_partial_points > 1000)
     return {StatusCode::kInvalidArgument, "Config: the partial points' limits must be within 0 to 1000"};
   if (max_initial_points < 30 || max_initial_points > 250)
     return {StatusCode::kInvalidArgument, "Config::max_initial_points must be within 30 to 250"};
@@ -59,8 +60,14 @@ Status Config::validate() const {
     return {StatusCode::kInvalidArgument, "Config::initial_baseline must be within 0.001 to 1000"};
   if (!(min_keyframe_interval_s >= 0 && min_keyframe_interval_s < 3600))
     return {StatusCode::kInvalidArgument, "Config::min_keyframe_interval_s must be within 0 to 3600 s"};
-  if (!(profile.clock_mhz > 0) || !(profile.cycles_per_instruction > 0))
-    return {StatusCode::kInvalidArgument, "Config::profile: clock and cycles per instruction must be positive"};
+  if (static_cast<int64_t>(camera.width) * camera.height * (max_keyframes + 16) > int64_t{1} << 30)
+    return {StatusCode::kInvalidArgument, "Config: max_keyframes of this size need over 1 GB: lower one of them"};
+  if (!(profile.clock_mhz >= 1 && profile.clock_mhz <= 1e5f) ||
+      !(profile.cycles_per_instruction >= 0.01f && profile.cycles_per_instruction <= 1e3f))
+    return {StatusCode::kInvalidArgument, "Config::profile: clock or cycles per instruction is absurd"};
+  for (const float instructions : profile.instructions)
+    if (!(instructions >= 0 && instructions <= 1e7f))
+      return {StatusCode::kInvalidArgument, "Config::profile: instructions per unit must be within 0 to 1e7"};
   return {};
 }
 
@@ -77,7 +84,7 @@ Status System::create(const Config& config, std::span<std::byte> memory, System*
   const Status status = config.validate();
   if (!status.ok()) return status;
   if (reinterpret_cast<uintptr_t>(memory.data()) % Arena::kAlignment != 0)
-    return {StatusCode::kInvalidArgument, "System::create: memory must be aligned to 16 bytes"};
+    return {StatusCode::kInvalidArgument, "System::create: memory must be aligned as by malloc (alignof(std::max_align_t))"};
   if (memory.size() < required_bytes(config))
     return {StatusCode::kOutOfMemory, "System::create: memory is smaller than System::required_bytes(config)"};
   Config prepared = config;

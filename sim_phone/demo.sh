@@ -7,7 +7,7 @@ if [[ "${1:-}" == -h || "${1:-}" == --help ]]; then
   cat <<'HELP'
 Usage: sim_phone/demo.sh [--scene desk|boxes|walls|checkerboard] [--seed N] [OPTIONS OF "pocket-ptam sim"]
 Builds the preset "release" into build/release, tracks 20 seconds of an emulated phone's camera and writes a report and
-pictures to out/demo. On Debian and Ubuntu it first installs the packages that are missing (as root or by sudo).
+pictures to out/demo. On Debian it first installs the packages that are missing (as root or by sudo).
 HELP
   exit 0
 fi

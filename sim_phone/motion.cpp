@@ -21,8 +21,11 @@ constexpr double kDegree = std::numbers::pi / 180;
 constexpr double kHold_s = 1.0;                // before the first move
 constexpr double kLargestSpeed = 0.2;          // of a calm hand, m/s at a move's peak
 constexpr double kLargestTurn = 24 * kDegree;  // rad/s at a move's peak; tremor and overlapping moves come on top
-constexpr double kTremor_m = 0.0005;           // amplitudes of a hand's tremor
-constexpr double kTremor_rad = 0.15 * kDegree;
+// Amplitudes of a calm hand's tremor at 8-12 Hz. Physiological tremor accelerates a hand by a few tenths of a m/s^2:
+// 0.1 mm at 10 Hz is 0.4 m/s^2, and 0.04 degrees turn at up to 2.5 degrees/s.
+constexpr double kTremor_m = 0.0001;
+constexpr double kTremor_rad = 0.04 * kDegree;
+constexpr double kShaky = 4;  // times as much in the "shaky" motion: cold, tired or walking
 constexpr double kSway_m = 0.002;
 constexpr double kSway_rad = 0.4 * kDegree;
 
@@ -81,13 +84,13 @@ struct Wobble {
 // Moves one after the other, and a hand's unrest.
 class Hand {
  public:
-  Hand(const View& start, uint64_t seed) : start_(start) {
+  Hand(const View& start, uint64_t seed, double tremor) : start_(start) {
     Random random(seed, 20);
     for (int axis = 0; axis < 3; ++axis) {
       position_.emplace_back(kSway_m, 0.2, 0.7, random);
-      position_.emplace_back(kTremor_m, 8.0, 12.0, random);
+      position_.emplace_back(tremor * kTremor_m, 8.0, 12.0, random);
       rotation_.emplace_back(kSway_rad, 0.2, 0.7, random);
-      rotation_.emplace_back(kTremor_rad, 8.0, 12.0, random);
+      rotation_.emplace_back(tremor * kTremor_rad, 8.0, 12.0, random);
     }
   }
 
@@ -194,10 +197,10 @@ double comfortable_time(const View& from, const View& step, double speed) {
   return std::max({0.8, 15.0 / 8 * step.position.norm() / speed, fastest_turn / kLargestTurn});
 }
 
-Hand calm_story(const Stage& stage, uint64_t seed, double duration_s, bool turn_only) {
+Hand calm_story(const Stage& stage, uint64_t seed, double duration_s, double tremor, bool turn_only) {
   Random random(seed, turn_only ? 22 : 21);
   View view = first_view(stage, random);
-  Hand hand(view, seed);
+  Hand hand(view, seed, tremor);
   if (turn_only) hand.hold_position();
 
   double t = kHold_s;
@@ -243,7 +246,7 @@ Hand calm_story(const Stage& stage, uint64_t seed, double duration_s, bool turn_
 }  // namespace
 
 std::vector<std::string> motion_names() {
-  return {"calm", "still", "pure_rotation"};
+  return {"calm", "shaky", "still", "pure_rotation"};
 }
 
 MotionCurve make_motion(const std::string& name, const Stage& stage, uint64_t seed, double duration_s) {
@@ -252,7 +255,8 @@ MotionCurve make_motion(const std::string& name, const Stage& stage, uint64_t se
     const Isometry3d T = first_view(stage, random).pose();
     return [T](double) { return T; };
   }
-  const auto hand = std::make_shared<const Hand>(calm_story(stage, seed, duration_s, name == "pure_rotation"));
+  const auto hand = std::make_shared<const Hand>(
+      calm_story(stage, seed, duration_s, name == "shaky" ? kShaky : 1.0, name == "pure_rotation"));
   return [hand](double t_s) { return hand->at(t_s); };
 }
 

@@ -28,7 +28,7 @@ struct PhoneOptions {
 };
 
 std::vector<std::string> scene_names();  // "desk", "boxes", "walls", "checkerboard"
-// "calm": hold still, move sideways, then explore. "still": as on a tripod. "pure_rotation": turns about a fixed point.
+// "calm": hold still, move sideways, then explore. "shaky": the same with four times the tremor. "still": as on a tripod. "pure_rotation": turns about a fixed point.
 std::vector<std::string> motion_names();
 
 // Throws platform::InputError on options that make no sense, naming the option.

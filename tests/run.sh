@@ -7,7 +7,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 if [[ "${1:-}" == -h || "${1:-}" == --help ]]; then
   cat <<'HELP'
 Usage: tests/run.sh [CTEST OPTIONS]
-Builds the preset "test" into build/test and runs all tests. On Debian and Ubuntu it first installs the packages that
+Builds the preset "test" into build/test and runs all tests. On Debian it first installs the packages that
 are missing (as root or by sudo). Options go to ctest:
   tests/run.sh -L unit            only the tests of one folder: unit, kernels, scenario, cli
   tests/run.sh -R pyramid         only tests whose name matches

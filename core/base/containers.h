@@ -20,7 +20,7 @@ class Arena {
   Arena() = default;  // measures only: allocate() returns null
   explicit Arena(std::span<std::byte> block) : block_(block), measuring_(false) {}
 
-  // Uninitialised bytes, aligned to 16; null when measuring or when the block is too small (overflowed() tells).
+  // Uninitialised bytes, aligned as by malloc; null when measuring or when the block is too small (overflowed() tells).
   void* allocate(size_t bytes) {
     used_ = (used_ + kAlignment - 1) / kAlignment * kAlignment;
     const size_t start = used_;
@@ -40,7 +40,7 @@ class Arena {
   bool measuring() const { return measuring_; }
   bool overflowed() const { return !measuring_ && used_ > block_.size(); }
 
-  static constexpr size_t kAlignment = 16;
+  static constexpr size_t kAlignment = alignof(std::max_align_t);
 
  private:
   std::span<std::byte> block_;

@@ -59,9 +59,9 @@ struct Keyframe {
   uint32_t id = 0;
   int64_t timestamp_ns = 0;
   SE3 T_kw;
-  Vector6f velocity = Vector6f::Zero();  // T_kw(t + dt) = exp(dt * velocity) T_kw: world units/s and radians/s
+  Vector6f velocity = Vector6f::Zero();        // T_kw(t + dt) = exp(dt * velocity) T_kw: world units/s and radians/s
   Vector6f velocity_prior = Vector6f::Zero();  // what the tracker thought of it
-  float mean_depth = 1;                  // of the points that the tracker measured
+  float mean_depth = 1;                        // of the points that the tracker measured
   PyramidStorage storage;
   Pyramid pyramid;
   SmallImage small;

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "geometry/pose_update.h"
 #include "geometry/robust.h"
 
 namespace pptam {
@@ -17,10 +18,6 @@ constexpr float kConverged = 1e-3f;  // relative fall of the cost by an accepted
 constexpr float kFirstLambda = 1e-3f;
 constexpr float kMinLambda = 1e-6f, kMaxLambda = 1e4f;
 constexpr int kLocalCameras = 5;  // the newest and its four nearest [ptam 6.3]
-
-// How far a keyframe's velocity may be from what the tracker thought of it: as in tracking.
-constexpr float kPriorRotation = 0.15f;     // radians/s
-constexpr float kPriorTranslation = 0.06f;  // mean depths/s
 
 // Lower Cholesky factor of a block in place; false if it is not positive definite.
 template <class Block>
@@ -96,10 +93,10 @@ BundleAdjuster::BundleAdjuster(Arena& arena, const Config& config, Map& map, Wor
       squared_(arena, config.max_map_points * kMaxMeasurements) {}
 
 Vector6f BundleAdjuster::prior_information(const Camera& camera) const {
-  const float translation = kPriorTranslation * camera.depth;
+  const float translation = kVelocitySigmaTranslation * camera.depth;
   Vector6f information;
   information << Vector3f::Constant(1.0f / (translation * translation)),
-      Vector3f::Constant(1.0f / (kPriorRotation * kPriorRotation));
+      Vector3f::Constant(1.0f / (kVelocitySigmaRotation * kVelocitySigmaRotation));
   return information * (sigma_ * sigma_);  // in units of the Tukey costs, which are not divided by sigma^2
 }
 
@@ -109,10 +106,10 @@ float BundleAdjuster::prior_cost(const Camera& camera, const Vector6f& velocity)
 
 Task BundleAdjuster::run(int newest, bool velocities, int max_iterations) {
   result_ = BundleResult();
-  if (config_.shutter.line_time_s == 0) velocities = false;
-  co_await gather(newest, velocities);
+  with_velocities_ =
+      velocities && config_.shutter.line_time_s != 0 && (newest >= 0 || map_.keyframes.size() <= kMaxVelocityCameras);
+  co_await gather(newest);
   if (free_cameras_ == 0 || points_.size() < 6) co_return;
-  with_velocities_ = velocities && free_cameras_ <= kMaxVelocityCameras;
   if (with_velocities_) {
     co_await iterate<12>(max_iterations);
   } else {
@@ -168,7 +165,7 @@ Task BundleAdjuster::iterate(int max_iterations) {
 
 // The snapshot. The map's geometry is changed by the mapper alone, which is this very coroutine's caller: taking it in
 // several slices is safe.
-Task BundleAdjuster::gather(int newest, bool velocities) {
+Task BundleAdjuster::gather(int newest) {
   cameras_.clear();
   points_.clear();
   observations_.clear();
@@ -188,7 +185,7 @@ Task BundleAdjuster::gather(int newest, bool velocities) {
     cameras_[k].pose_free = k > 0;
   };
   if (newest < 0) {
-    for (int k = velocities ? 0 : 1; k < count; ++k) release(k);
+    for (int k = with_velocities_ ? 0 : 1; k < count; ++k) release(k);
   } else {
     // The newest, then the nearest of the rest, the first (the datum) never.
     const Vector3f centre = map_.keyframes[newest].T_kw.centre();
@@ -299,13 +296,10 @@ Task BundleAdjuster::build_reduced_system(float lambda) {
   std::fill(S_.begin(), S_.end(), 0.0f);
   std::fill(rhs_.begin(), rhs_.end(), 0.0f);
   // The datum's pose has no columns of its own.
-  const auto jacobian = [this](const Observation& o) {
-    Jacobian J;
-    J.template leftCols<6>() = o.A;
-    if constexpr (N == 12) {
-      if (!cameras_[o.camera].pose_free) J.template leftCols<6>().setZero();
-      J.template rightCols<6>() = o.A_v;
-    }
+  const auto jacobian = [&cameras = cameras_](const Observation& o) {
+    Jacobian J = Jacobian::Zero();
+    if (cameras[o.camera].pose_free) J.template leftCols<6>() = o.A;
+    if constexpr (N == 12) J.template rightCols<6>() = o.A_v;
     return J;
   };
   // First the cameras' own blocks, damped; then what the points take away.

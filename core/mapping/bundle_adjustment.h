@@ -3,8 +3,11 @@
 // Levenberg-Marquardt on Tukey-weighted reprojection errors, Schur complement onto the cameras, dense blocked Cholesky
 // of our own in fixed order. N points, M keyframes, T measurements a point: O(NT) projections, O(NT^2) outer products,
 // O(M^3) solve. Works on its own snapshot and commits whole accepted steps, so that the tracker never sees a
-// half-updated map; stops between steps when a new keyframe waits. Measurements are corrected for the rolling shutter
-// with the keyframes' velocities when the snapshot is taken [phone 6].
+// half-updated map; stops between steps when a new keyframe waits.
+//
+// Rolling shutter: a measurement is predicted at its own line's time, p_c = q + dt (v + w x q), q = T p, with the
+// keyframe's velocity (v, w). Beyond [phone 6] the velocities may be unknowns too, with a prior from the tracker: the
+// camera blocks then have 12 rows in place of 6.
 #pragma once
 
 #include "base/containers.h"
@@ -56,7 +59,7 @@ class BundleAdjuster {
     int16_t camera = 0;       // keyframe index
     int16_t measurement = 0;  // index in the point's list
     Vector2f px = Vector2f::Zero();
-    float dt_s = 0;           // of its line
+    float dt_s = 0;  // of its line
     float inv_sigma = 1;
     float weight = 0;
     float error_sq = 0;
@@ -66,7 +69,7 @@ class BundleAdjuster {
     Matrix23f B = Matrix23f::Zero();    // d(px)/d(point) / sigma
   };
 
-  Task gather(int newest, bool velocities);
+  Task gather(int newest);
   template <int N>
   Task iterate(int max_iterations);
   Task linearise();

@@ -26,7 +26,9 @@ constexpr float kMeasurementNoise_px = 0.8f;  // sub-pixel noise and what the ro
 constexpr float kImageBorder_px = 12.0f;
 constexpr float kMinReliability = 0.3f;
 constexpr int kMinAttempts = 20;
+constexpr float kSigmaFloor = 0.15f;  // as in tracking
 constexpr int kPlaneTrials = 100;
+constexpr int kVelocityRounds = 3;  // bundle adjustments with re-estimated velocities after each keyframe
 
 }  // namespace
 
@@ -78,7 +80,11 @@ Task Mapper::run() {
       if (!bundle_.result().converged) full_pending_ = true;
       if (bundle_.result().converged) {
         co_await discard_unreliable_points();
-        if (map_.keyframes.size() > kMaxVelocityCameras && velocity_rounds_ < 3) { ++velocity_rounds_; co_await update_velocities(); full_pending_ = true; }
+        if (map_.keyframes.size() > kMaxVelocityCameras && velocity_rounds_ < kVelocityRounds) {
+          ++velocity_rounds_;
+          co_await update_velocities();
+          full_pending_ = true;
+        }
       }
     } else {
       resting_ = true;
@@ -384,9 +390,10 @@ Task Mapper::update_velocities() {
     }
     VelocityPrior prior;
     prior.mean = keyframe.velocity_prior;
-    prior.sigma_translation = 0.06f * keyframe.mean_depth;
-    prior.sigma_rotation = 0.15f;
-    const PoseUpdate update = update_pose(config_.camera, config_.shutter, keyframe.T_kw, prior, pose_points_, 0.15f, meter_);
+    prior.sigma_translation = kVelocitySigmaTranslation * keyframe.mean_depth;
+    prior.sigma_rotation = kVelocitySigmaRotation;
+    const PoseUpdate update =
+        update_pose(config_.camera, config_.shutter, keyframe.T_kw, prior, pose_points_, kSigmaFloor, meter_);
     if (update.ok) keyframe.velocity = update.velocity;
     co_await slice();
   }

@@ -5,11 +5,11 @@
 //   new corners become partial points; then bundle adjustment, local and full; then bad points go.
 #pragma once
 
+#include "geometry/pose_update.h"
 #include "image/corners.h"
 #include "map/map.h"
 #include "mapping/bundle_adjustment.h"
 #include "scheduler/task.h"
-#include "geometry/pose_update.h"
 
 namespace pptam {
 

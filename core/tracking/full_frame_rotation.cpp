@@ -12,6 +12,7 @@ constexpr int kMaxIterations = 8;
 constexpr float kConverged_rad = 2e-4f;  // 0.02 px of level 4 on the phone: the estimate's own noise is larger
 constexpr float kHuber_grey = 8.0f;      // moving objects and borders, against 1-2 grey levels of noise
 constexpr float kMaxResidual_grey = 25.0f;
+constexpr float kMinGain = 0.4f;  // beyond it the two images do not show the same thing
 
 struct Sample {
   float value, dx, dy;  // grey, grey per small-image pixel
@@ -122,7 +123,8 @@ RotationEstimate estimate_rotation(const GreyView& previous, const GreyView& cur
       const Matrix5f inverse = ldlt.solve(Matrix5f::Identity());
       result.covariance = inverse.topLeftCorner<3, 3>() * variance;
       result.R_cp = orthonormalised(result.R_cp);
-      result.ok = last_step < 20 * kConverged_rad && result.residual < kMaxResidual_grey;
+      result.ok = last_step < 20 * kConverged_rad && result.residual < kMaxResidual_grey && gain > kMinGain &&
+                  gain < 1 / kMinGain;
       return result;
     }
   }

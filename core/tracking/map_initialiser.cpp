@@ -82,19 +82,40 @@ MapInitialiser::MapInitialiser(Arena& arena, const Config& config, WorkMeter& me
       correspondences_(arena, config.max_initial_points),
       inlier_rays_(arena, config.max_initial_points),
       observed_(arena, config.max_initial_points) {
-  for (View* view : {&first_, &second_, &third_}) {
-    view->storage = PyramidStorage(arena, config.camera.width, config.camera.height, 0);
+  for (View& view : views_) {
+    view.points = FixedVector<ViewPoint>(arena, config.max_initial_points);
+    view.storage = PyramidStorage(arena, config.camera.width, config.camera.height, 0);
     const int width = config.camera.width >> (kPyramidLevels - 1);
     const int height = config.camera.height >> (kPyramidLevels - 1);
-    view->small = {arena.allocate_array<uint8_t>(static_cast<size_t>(width) * height), width, height, width};
+    view.small = {arena.allocate_array<uint8_t>(static_cast<size_t>(width) * height), width, height, width};
   }
   for (Hypothesis& hypothesis : hypotheses_) hypothesis.p_1 = FixedVector<Vector3f>(arena, config.max_initial_points);
 }
 
-void MapInitialiser::copy_view(const Pyramid& pyramid, const GreyView& small, int64_t timestamp_ns, View& view) {
+void MapInitialiser::store_view(const Pyramid& pyramid, const GreyView& small, int64_t timestamp_ns, View& view) {
   view.timestamp_ns = timestamp_ns;
   view.pyramid = copy_pyramid(pyramid, view.storage);
   for (int y = 0; y < small.height; ++y) std::copy_n(small.row(y), small.width, view.small.row(y));
+  view.points.clear();
+  for (const Point& point : points_) view.points.push_back({point.px_2, point.found});
+  meter_.charge(Work::kKeyframePixel, static_cast<int64_t>(config_.camera.width) * config_.camera.height * 4 / 3);
+}
+
+// Every view_stride_-th frame; when the places run out every second view goes and the stride doubles, so that the views
+// stay spread over the whole way. The last one always finds a place.
+void MapInitialiser::record_view(const Pyramid& pyramid, const GreyView& small, int64_t timestamp_ns, bool last) {
+  if (views_[view_count_ - 1].timestamp_ns == timestamp_ns) return;
+  ++frames_since_view_;
+  if (!last && frames_since_view_ < view_stride_) return;
+  if (view_count_ == kMaxViews && !last) {
+    for (int i = 1; 2 * i < kMaxViews; ++i) std::swap(views_[i], views_[2 * i]);
+    view_count_ = kMaxViews / 2;
+    view_stride_ *= 2;
+    if (frames_since_view_ < view_stride_) return;
+  }
+  if (view_count_ == kMaxViews) --view_count_;  // replaced by the last
+  store_view(pyramid, small, timestamp_ns, views_[view_count_++]);
+  frames_since_view_ = 0;
 }
 
 void MapInitialiser::reset() {
@@ -123,14 +144,21 @@ Hint MapInitialiser::start(const Pyramid& pyramid, const GreyView& small, int64_
     point.J_1 = J.leftCols<2>();
     points_.push_back(point);
   }
-  copy_view(pyramid, small, timestamp_ns, first_);
+  for (Point& point : points_) {
+    point.px_2 = point.px_1;
+    point.found = true;
+  }
+  view_count_ = 0;
+  view_stride_ = 1;
+  store_view(pyramid, small, timestamp_ns, views_[view_count_++]);
+  frames_since_view_ = 0;
   H_.setIdentity();
   H_previous_.setIdentity();
   H_rate_.setZero();
-  first_rate_.setZero();
   previous_ns_ = start_ns_ = timestamp_ns;
   frames_ = bad_frames_ = 0;
   winner_ = -1;
+  all_failed_ = false;
   relative_ = RelativePose();
   next_direction_ = 0;
   stage_ = Stage::kHomography;
@@ -169,7 +197,7 @@ void MapInitialiser::search_points(const Pyramid& pyramid, const Matrix3f& H_pre
     const Matrix2f A = J.leftCols<2>() * homography_point_jacobian(H_predicted, point.x_1) * point.J_1.inverse();
     PatchTemplate patch;
     meter_.charge(Work::kPatchWarp, 1);
-    if (!warp_template(first_.pyramid, point.px_1, A, options.level, &patch)) continue;
+    if (!warp_template(views_[0].pyramid, point.px_1, A, options.level, &patch)) continue;
     FoundPatch found;
     const SearchOutcome outcome = find_template(pyramid, patch, px, options, meter_, &found);
     if (outcome == SearchOutcome::kNotVisible) continue;
@@ -277,11 +305,9 @@ MapInitialiser::Progress MapInitialiser::track(const Pyramid& pyramid, const Gre
   }
   bad_frames_ = 0;
   ++frames_;
-  if (frames_ == 1) {
-    // The first view moved while it was read out, too.
-    first_rate_ = H_rate_;
-    for (Point& point : points_) point.x_1 = corrected(point.px_1, first_rate_);
-  }
+  // A blurred view makes a poor keyframe.
+  const bool sharp = blur_px < 0.5f * kBlurLimit_px;
+  if (sharp) record_view(pyramid, small, timestamp_ns, false);
 
   if (stage_ == Stage::kHomography) {
     if (timestamp_ns - start_ns_ > kStageOneTimeout_ns) {
@@ -296,8 +322,6 @@ MapInitialiser::Progress MapInitialiser::track(const Pyramid& pyramid, const Gre
     const bool planar = sigma_px_<kMaxPlanarSigma_px&& static_cast<float>(inlier_rays_.size())> kMinPlanarShare *
                         static_cast<float>(found_);
     hint_ = Hint::kMoveSideways;
-    // A blurred view makes a poor keyframe.
-    const bool sharp = so3_log(R_cp).norm() / dt_s * config_.exposure_s * config_.camera.fx < 0.5f * kBlurLimit_px;
     if (planar && (decomposition.pure_rotation || decomposition.count == 0)) {
       if (so3_log(orthonormalised(H_)).norm() > kTurned_rad) hint_ = Hint::kOnlyRotating;
       progress_ = 0;
@@ -305,23 +329,21 @@ MapInitialiser::Progress MapInitialiser::track(const Pyramid& pyramid, const Gre
     }
     const bool ready = planar ? planar_ready(decomposition) : general_ready(decomposition);
     if (!ready || !sharp) return Progress::kTracking;
-    copy_view(pyramid, small, timestamp_ns, second_);
     branch_ns_ = timestamp_ns;
-    second_rate_ = H_rate_;
     branch(decomposition, !planar);
     stage_ = Stage::kHypotheses;
     return Progress::kTracking;
   }
 
   if (!track_hypotheses(dt_s)) {
-    if (timestamp_ns - branch_ns_ > kHypothesisTimeout_ns) {
+    if (all_failed_ || timestamp_ns - branch_ns_ > kHypothesisTimeout_ns) {
       reset();
       hint_ = Hint::kStartLost;
       return Progress::kLost;
     }
     return Progress::kTracking;
   }
-  copy_view(pyramid, small, timestamp_ns, third_);
+  record_view(pyramid, small, timestamp_ns, true);
   return Progress::kDone;
 }
 
@@ -423,11 +445,10 @@ void MapInitialiser::branch(const Decomposition& decomposition, bool general) {
       for (Vector3f& p : hypothesis.p_1) p *= scale;
       T_b1.t *= scale;
     }
-    hypothesis.T_b1 = hypothesis.T_c1 = T_b1;
+    hypothesis.T_c1 = T_b1;
     hypothesis.velocity = velocity_from_rate(H_rate_, hypothesis, T_b1);
   }
   for (Point& point : points_) {
-    point.px_b = point.px_2;
     point.found_b = point.found;
   }
 }
@@ -435,10 +456,10 @@ void MapInitialiser::branch(const Decomposition& decomposition, bool general) {
 // The camera velocity whose image motion at the points is that of the homography's rate: least squares over the points
 // [phone 6], with a weak prior against the poorly seen directions.
 Vector6f MapInitialiser::velocity_from_rate(const Matrix3f& rate, const Hypothesis& hypothesis, const SE3& T_k1) const {
-  constexpr float kPriorTranslation = 0.5f, kPriorRotation = 0.5f, kFlowNoise = 0.03f;  // depths/s, radians/s, 1/s
+  constexpr float kWeakTranslation = 0.5f, kWeakRotation = 0.5f, kFlowNoise = 0.03f;  // depths/s, radians/s, 1/s
   Matrix6f A = Matrix6f::Zero();
-  A.diagonal() << Vector3f::Constant(1 / (kPriorTranslation * kPriorTranslation)),
-      Vector3f::Constant(1 / (kPriorRotation * kPriorRotation));
+  A.diagonal() << Vector3f::Constant(1 / (kWeakTranslation * kWeakTranslation)),
+      Vector3f::Constant(1 / (kWeakRotation * kWeakRotation));
   Vector6f b = Vector6f::Zero();
   for (const Vector3f& p_1 : hypothesis.p_1) {
     if (p_1.z() <= 0) continue;
@@ -507,7 +528,7 @@ bool MapInitialiser::track_hypotheses(float dt_s) {
   for (int k = 0; k < kHypotheses; ++k)
     if (hypotheses_[k].alive && (best < 0 || hypotheses_[k].cost < hypotheses_[best].cost)) best = k;
   if (best < 0) {
-    branch_ns_ = previous_ns_ - 2 * kHypothesisTimeout_ns;  // nothing left: times out at once
+    all_failed_ = true;
     return false;
   }
   const float ratio = std::max(kHypothesisCostRatio - kCostRatioPerFrame * static_cast<float>(frames_), kMinCostRatio);
@@ -531,25 +552,61 @@ void MapInitialiser::gather_pose_points(const Hypothesis& hypothesis) {
   }
 }
 
+// The camera's pose in a recorded view, from the hypothesis' points.
+PoseUpdate MapInitialiser::locate_view(const View& view, const Hypothesis& hypothesis, const SE3& T_start) {
+  pose_points_.clear();
+  for (int i = 0; i < points_.size(); ++i) {
+    if (!view.points[i].found || hypothesis.p_1[i].z() <= 0) continue;
+    PosePoint point;
+    point.p_w = hypothesis.p_1[i];
+    point.px = view.points[i].px;
+    point.sigma = kSigma_px;
+    pose_points_.push_back(point);
+  }
+  VelocityPrior prior;
+  prior.sigma_translation = kPriorTranslation;
+  prior.sigma_rotation = kPriorRotation;
+  return update_pose(config_.camera, config_.shutter, T_start, prior, pose_points_, kSigmaFloor, meter_);
+}
+
 bool MapInitialiser::build(Map& map, SE3* T_cw, Vector6f* velocity) {
   PPTAM_ASSERT(winner_ >= 0 && !map.exists());
   const Hypothesis& hypothesis = hypotheses_[winner_];
-  const SE3 poses[3] = {SE3(), hypothesis.T_b1, hypothesis.T_c1};
-  const Vector6f velocities[3] = {velocity_from_rate(first_rate_, hypothesis, SE3()),
-                                  velocity_from_rate(second_rate_, hypothesis, hypothesis.T_b1), hypothesis.velocity};
-  const View* views[3] = {&first_, &second_, &third_};
-  for (int k = 0; k < 3; ++k) {
+  // Poses of the views on the way, backwards from the last, each starting at its successor's.
+  SE3 poses[kMaxViews];
+  bool good[kMaxViews] = {};
+  SE3 T = hypothesis.T_c1;
+  good[0] = true;
+  for (int k = view_count_ - 1; k > 0; --k) {
+    const PoseUpdate update = locate_view(views_[k], hypothesis, T);
+    good[k] = update.ok && update.sigma < kMaxHypothesisSigma;
+    if (!good[k]) continue;
+    T = poses[k] = update.T_cw;
+  }
+  if (!good[view_count_ - 1]) return false;
+  int16_t keyframe_of[kMaxViews];
+  for (int k = 0; k < view_count_; ++k) {
+    keyframe_of[k] = -1;
+    if (!good[k]) continue;
+    int before = k, after = k;
+    for (int i = k - 1; i >= 0 && before == k; --i)
+      if (good[i]) before = i;
+    for (int i = k + 1; i < view_count_ && after == k; ++i)
+      if (good[i]) after = i;
+    const float dt_s = static_cast<float>(views_[after].timestamp_ns - views_[before].timestamp_ns) * 1e-9f;
     // The queue's first slot lends its storage: the queue is empty without a map.
     KeyframeCandidate& candidate = map.queue[0];
     Keyframe& frame = candidate.frame;
-    frame.timestamp_ns = views[k]->timestamp_ns;
+    frame.timestamp_ns = views_[k].timestamp_ns;
     frame.T_kw = poses[k];
-    frame.velocity = frame.velocity_prior = velocities[k];
+    frame.velocity = frame.velocity_prior =
+        dt_s > 0 ? Vector6f((poses[after] * poses[before].inverse()).log() / dt_s) : Vector6f::Zero();
     frame.mean_depth = 1;
-    frame.pyramid = copy_pyramid(views[k]->pyramid, frame.storage);
+    frame.pyramid = copy_pyramid(views_[k].pyramid, frame.storage);
     for (int y = 0; y < frame.small.height; ++y)
-      std::copy_n(views[k]->small.row(y), frame.small.width, frame.small.row(y));
-    if (map.add_keyframe(candidate) < 0) {
+      std::copy_n(views_[k].small.row(y), frame.small.width, frame.small.row(y));
+    keyframe_of[k] = static_cast<int16_t>(map.add_keyframe(candidate));
+    if (keyframe_of[k] < 0) {
       map.clear();
       return false;
     }
@@ -559,29 +616,22 @@ bool MapInitialiser::build(Map& map, SE3* T_cw, Vector6f* velocity) {
   for (int i = 0; i < points_.size(); ++i) {
     const Point& point = points_[i];
     const Vector3f& p_1 = hypothesis.p_1[i];
-    if (p_1.z() <= 0 || !point.found_b) continue;
-    // Good in the current view, or not seen in it and on the plane.
-    bool good_now = false;
-    if (point.found) {
-      const SE3 T = pose_at(poses[2], velocities[2],
-                            config_.shutter.dt_s(point.px_2, config_.camera.width, config_.camera.height));
-      Vector2f px;
-      good_now = config_.camera.project(T * p_1, &px) &&
-                 (point.px_2 - px).norm() / 2 < kTukeyCutoff * std::max(hypothesis.sigma, 0.3f);
-      if (!good_now) continue;
-    }
+    if (p_1.z() <= 0) continue;
+    MapPoint added;
+    for (int k = 0; k < view_count_; ++k)
+      if (keyframe_of[k] >= 0 && views_[k].points[i].found)
+        added.measurements.push_back({views_[k].points[i].px, kSigma_px, keyframe_of[k]});
+    if (added.measurements.size() < 2) continue;
     const int index = map.add_point();
     if (index < 0) break;
-    MapPoint& added = map.points[index];
+    added.id = map.points[index].id;
     added.p_w = p_1;
     added.source.keyframe = 0;
     added.source.px = point.px_1;
     const bool on_plane = hypothesis.planar && std::abs(hypothesis.n_1.dot(p_1) - 1.0f) < 0.1f;
     added.source.normal = on_plane ? Vector3f(-hypothesis.n_1) : Vector3f(-p_1.normalized());
-    added.measurements.push_back({point.px_1, 2.0f, 0});
-    added.measurements.push_back({point.px_b, 2.0f, 1});
-    if (good_now) added.measurements.push_back({point.px_2, 2.0f, 2});
     added.attempts = added.found = 1;
+    map.points[index] = added;
     depth_sum += p_1.z();
     ++count;
   }

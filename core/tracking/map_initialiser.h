@@ -3,18 +3,19 @@
 // Stage 1 tracks the first view's corners with a homography H in SL(3) and decomposes it in every frame. Once the
 // decomposition is well constrained, stage 2 keeps up to two hypotheses (R, t, n), each with its own triangulated
 // points, and tracks an SE(3) pose in each until the others cost twice as much. Where no plane explains the points, a
-// third hypothesis comes from the epipolar constraint alone (beyond the paper). The result is a small map: three
-// keyframes and the points, in the first camera's frame, scaled so that the scene is about 1 away.
+// third hypothesis comes from the epipolar constraint alone (beyond the paper). The result is a small map: the points
+// and up to eight keyframes spread over the way (beyond the paper: two views cannot tell structure from the shutter's
+// distortion, several can), in the first camera's frame, scaled so that the scene is about 1 away.
 //
 // Points are re-found in each frame from their prediction: no continuous tracks. Normalised image coordinates
 // throughout; measurements are corrected for the rolling shutter by the rate of H itself.
 #pragma once
 
 #include "geometry/homography.h"
+#include "geometry/pose_update.h"
 #include "geometry/two_view.h"
 #include "image/corners.h"
 #include "map/map.h"
-#include "geometry/pose_update.h"
 
 namespace pptam {
 
@@ -57,13 +58,11 @@ class MapInitialiser {
     Vector2f px_2 = Vector2f::Zero();      // current frame
     Vector2f x_2 = Vector2f::Zero();       // normalised, corrected
     Vector2f residual = Vector2f::Zero();  // of x_2 against H, kept for the next prediction: off-plane points
-    Vector2f px_b = Vector2f::Zero();      // the frame in which stage 2 began (second keyframe)
     float weight = 0;                      // of the homography fit
     bool found = false;
     bool found_b = false;
   };
   struct Hypothesis {
-    SE3 T_b1;  // pose of the frame in which stage 2 began (second keyframe)
     bool planar = true;
     Vector3f n_1 = Vector3f::UnitZ();  // the plane n_1 . p_1 = 1, when planar
     SE3 T_c1;                          // pose of the current frame
@@ -73,8 +72,13 @@ class MapInitialiser {
     float sigma = 0;            // robust scale of its residuals in the current frame, units of 2 px
     bool alive = false;
   };
-  struct View {
+  struct ViewPoint {
+    Vector2f px = Vector2f::Zero();
+    bool found = false;
+  };
+  struct View {  // on the way: a keyframe if the map comes about
     int64_t timestamp_ns = 0;
+    FixedVector<ViewPoint> points;  // one per point
     PyramidStorage storage;
     Pyramid pyramid;
     GreyImage small;
@@ -87,14 +91,20 @@ class MapInitialiser {
   void branch(const Decomposition& decomposition, bool general);
   void gather_pose_points(const Hypothesis& hypothesis);
   bool track_hypotheses(float dt_s);
+  PoseUpdate locate_view(const View& view, const Hypothesis& hypothesis, const SE3& T_start);
   Vector2f corrected(const Vector2f& px, const Matrix3f& rate) const;
   Vector6f velocity_from_rate(const Matrix3f& rate, const Hypothesis& hypothesis, const SE3& T_k1) const;
-  static void copy_view(const Pyramid& pyramid, const GreyView& small, int64_t timestamp_ns, View& view);
+  void record_view(const Pyramid& pyramid, const GreyView& small, int64_t timestamp_ns, bool last);
+  void store_view(const Pyramid& pyramid, const GreyView& small, int64_t timestamp_ns, View& view);
 
   const Config& config_;
   WorkMeter& meter_;
   Stage stage_ = Stage::kIdle;
-  View first_, second_, third_;
+  static constexpr int kMaxViews = 8;
+  View views_[kMaxViews];  // views_[0] is the first view
+  int view_count_ = 0;
+  int view_stride_ = 1;  // frames from one recorded view to the next; doubles whenever the places run out
+  int frames_since_view_ = 0;
   CornerScratch corner_scratch_;
   FixedVector<Corner> corners_;
   FixedVector<Point> points_;
@@ -109,13 +119,12 @@ class MapInitialiser {
   Hypothesis hypotheses_[kHypotheses];  // two of the plane, one general
   Matrix3f H_ = Matrix3f::Identity();   // first view to current, at the frame's timestamp
   Matrix3f H_previous_ = Matrix3f::Identity();
-  Matrix3f H_rate_ = Matrix3f::Zero();       // H(t + dt) = exp(dt * H_rate) H(t), 1/s
-  Matrix3f first_rate_ = Matrix3f::Zero();   // the same at the first view
-  Matrix3f second_rate_ = Matrix3f::Zero();  // and when stage 2 began
+  Matrix3f H_rate_ = Matrix3f::Zero();  // H(t + dt) = exp(dt * H_rate) H(t), 1/s
   int64_t previous_ns_ = 0;
   int64_t start_ns_ = 0;
   int64_t branch_ns_ = 0;  // when stage 2 began
   int winner_ = -1;
+  bool all_failed_ = false;  // no hypothesis of stage 2 is left
   int frames_ = 0;
   int bad_frames_ = 0;
   float sigma_px_ = 1;  // robust scale of the homography's residuals, level-0 pixels

@@ -5,8 +5,8 @@
 
 #include "base/deterministic_math.h"
 #include "image/grey.h"
-#include "tracking/full_frame_rotation.h"
 #include "map/patch_search.h"
+#include "tracking/full_frame_rotation.h"
 #include "tracking/relocaliser.h"
 
 namespace pptam {
@@ -30,10 +30,6 @@ constexpr float kBlurLimit_px = 6.0f;
 
 constexpr float kVelocityBlend = 0.7f;      // share of the newest measured velocity
 constexpr float kVelocityDecayRate = 1.6f;  // 1/s: a fifth is left of a velocity after a second without measurements
-// How far the velocity during the readout may be from the prediction: hand tremor of 0.15 degrees at 10 Hz turns at
-// up to 9 degrees/s, and its translation of 0.5 mm moves at up to 0.03 m/s.
-constexpr float kPriorRotation = 0.15f;     // radians/s
-constexpr float kPriorTranslation = 0.06f;  // mean depths/s
 
 constexpr int kCellsX = 6;
 constexpr int kCellsY = 8;
@@ -50,6 +46,14 @@ constexpr float kKeyframeCosTurn = 0.98f;  // 11.5 degrees: views turned by more
 
 constexpr int kMaxPartialFailures = 12;
 constexpr float kInverseDepthRange = 2.5f;  // partial points are sought within mean / range to mean * range
+
+// After a longer gap the motion model's velocity says nothing.
+constexpr float kLongestGap_s = 1.0f;
+
+// Through double: timestamps may be further apart than int64 can tell.
+float elapsed_s(int64_t from_ns, int64_t to_ns) {
+  return static_cast<float>((static_cast<double>(to_ns) - static_cast<double>(from_ns)) * 1e-9);
+}
 
 bool inside(const CameraModel& camera, const Vector2f& px) {
   return camera.in_image(px, kImageBorder_px);
@@ -114,8 +118,10 @@ TrackResult Tracker::track(const Frame& frame, const Clock* clock) {
   result.timestamp_ns = frame.timestamp_ns;
   clock_ = clock;
   if (clock_) stage_start_ns_ = clock_->now_ns();
-  const float dt_s = have_previous_ ? static_cast<float>(frame.timestamp_ns - timestamp_ns_) * 1e-9f : 1.0f / 15.0f;
+  const float dt_s = have_previous_ ? elapsed_s(timestamp_ns_, frame.timestamp_ns) : 1.0f / 15.0f;
   timestamp_ns_ = frame.timestamp_ns;
+  gap_ = dt_s > kLongestGap_s;
+  if (gap_) velocity_.setZero();
   observed_.clear();
 
   prepare_frame(frame);
@@ -173,8 +179,8 @@ void Tracker::predict(float dt_s) {
   T_predicted_.R = orthonormalised(T_predicted_.R);
   prior_.mean.head<3>() = velocity_.head<3>();
   prior_.mean.tail<3>() = so3_log(R_cp_) / dt_s;
-  prior_.sigma_translation = kPriorTranslation * mean_depth_;
-  prior_.sigma_rotation = kPriorRotation;
+  prior_.sigma_translation = kVelocitySigmaTranslation * mean_depth_;
+  prior_.sigma_rotation = kVelocitySigmaRotation;
   const Vector3f omega = prior_.mean.tail<3>();
   const Vector3f v = with_map ? Vector3f(velocity_.head<3>() / mean_depth_) : Vector3f::Zero();
   const float speed = std::sqrt((omega.y() + v.x()) * (omega.y() + v.x()) + (v.y() - omega.x()) * (v.y() - omega.x()));
@@ -190,6 +196,12 @@ void Tracker::track_initialiser(TrackResult* result) {
     tap_pending_ = false;
     state_ = TrackingState::kInitialising;
     hint_ = Hint::kMoveSideways;
+    return;
+  }
+  if (gap_) {  // too long to predict where the points are
+    initialiser_.reset();
+    state_ = TrackingState::kWaiting;
+    hint_ = Hint::kStartLost;
     return;
   }
   const MapInitialiser::Progress progress = initialiser_.track(pyramid_, small_, timestamp_ns_, R_cp_);
@@ -451,7 +463,7 @@ void Tracker::relocalise(float dt_s, TrackResult* result) {
   mean_depth_ = map_.keyframes[candidate.keyframe].mean_depth;
   VelocityPrior prior = prior_;
   prior.mean.head<3>().setZero();
-  prior.sigma_translation = kPriorTranslation * mean_depth_;
+  prior.sigma_translation = kVelocitySigmaTranslation * mean_depth_;
   const MapTracking tracking = track_map(candidate.T_cw, prior, SearchMode::kWide);
   mark_stage(Stage::kSearch, result);
   result->points_attempted = tracking.attempted;
@@ -541,7 +553,7 @@ bool Tracker::wants_keyframe(const MapTracking& tracking) const {
     map_.limits_hit |= kLimitKeyframes;
     return false;
   }
-  if (static_cast<float>(timestamp_ns_ - last_keyframe_ns_) * 1e-9f < config_.min_keyframe_interval_s) return false;
+  if (elapsed_s(last_keyframe_ns_, timestamp_ns_) < config_.min_keyframe_interval_s) return false;
   if (good_frames_ < 2) return false;
   const Vector3f centre = T_cw_.centre();
   const Vector3f axis = T_cw_.R.row(2).transpose();

@@ -5,10 +5,10 @@
 #pragma once
 
 #include "base/work_meter.h"
+#include "geometry/pose_update.h"
 #include "map/map.h"
 #include "pocket_ptam.h"
 #include "tracking/map_initialiser.h"
-#include "geometry/pose_update.h"
 
 namespace pptam {
 
@@ -69,6 +69,7 @@ class Tracker {
   TrackingState state_ = TrackingState::kWaiting;
   Hint hint_ = Hint::kTap;
   bool tap_pending_ = false;
+  bool gap_ = false;  // the last frame is too long ago for its motion to tell anything
 
   // Camera state.
   SE3 T_cw_;                              // last believed or predicted pose

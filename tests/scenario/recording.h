@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <cstddef>
+#include <memory>
 #include <vector>
 
 #include "platform/camera.h"
@@ -22,8 +23,12 @@ struct Recording {
   // Image i, at its own time or at another.
   Frame frame(int i) const { return frame(i, timestamps_ns[static_cast<size_t>(i)]); }
   Frame frame(int i, int64_t timestamp_ns) const {
-    return {images[static_cast<size_t>(i)].data(), info.model.width,   info.model.height,
-            info.model.width,                      PixelFormat::kGrey, timestamp_ns};
+    return {images[static_cast<size_t>(i)].data(),
+            info.model.width,
+            info.model.height,
+            info.model.width,
+            PixelFormat::kGrey,
+            timestamp_ns};
   }
 };
 

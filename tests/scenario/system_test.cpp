@@ -1,4 +1,5 @@
-// Stories on the emulated phone, with the truth beside them: start, explore, rotate only, lose the view and find it again.
+// Stories on the emulated phone, with the truth beside them: start, explore, rotate only, lose the view and find it
+// again.
 #include <gtest/gtest.h>
 
 #include <algorithm>

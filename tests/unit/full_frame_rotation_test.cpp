@@ -107,11 +107,11 @@ double angle_between(const Matrix3f& a, const Matrix3f& b) {
 }
 
 // What the estimate can reach: grey levels of the small image are rounded five times (variance 1/12 each, and of the
-// finer levels a share): about 0.4; bilinear sampling of a wave of 5 px flattens it by up to 15 %, some 2 grey levels of
-// the texture's 40 in a pattern that mostly cancels. Over 200 pixels with gradients of about 15 grey levels a pixel:
-// 2 / 15 / sqrt(200) = 0.01 px of 0.045 rad, and about the optical axis (lever arm 6 px of 22 per rad) three times that:
-// 1e-3 rad; the iteration stops at steps of 2e-4, and what it calls converged may be off by a few of these. The worst of
-// many trials: 4 times that. A hand's 60 degrees/s are 70 mrad a frame.
+// finer levels a share): about 0.4; bilinear sampling of a wave of 5 px flattens it by up to 15 %, some 2 grey levels
+// of the texture's 40 in a pattern that mostly cancels. Over 200 pixels with gradients of about 15 grey levels a pixel:
+// 2 / 15 / sqrt(200) = 0.01 px of 0.045 rad, and about the optical axis (lever arm 6 px of 22 per rad) three times
+// that: 1e-3 rad; the iteration stops at steps of 2e-4, and what it calls converged may be off by a few of these. The
+// worst of many trials: 4 times that. A hand's 60 degrees/s are 70 mrad a frame.
 constexpr double kTolerance_rad = 4e-3;
 
 TEST(FullFrameRotation, KnownRotationsAreMeasured) {

@@ -4,12 +4,14 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
+#include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <memory>
 #include <vector>
 
-#include "tests/support/random.h"
 #include "geometry/pose_update.h"
+#include "tests/support/random.h"
 
 namespace pptam {
 namespace {
@@ -68,8 +70,9 @@ class MapTest : public ::testing::Test {
       const int index = map_.add_point();
       ASSERT_EQ(index, i);
       MapPoint& point = map_.points[index];
-      point.p_w = Vector3f(static_cast<float>(random_.uniform(-0.15, 0.15)),
-                           static_cast<float>(random_.uniform(-0.2, 0.2)), static_cast<float>(random_.uniform(0.8, 1.2)));
+      point.p_w =
+          Vector3f(static_cast<float>(random_.uniform(-0.15, 0.15)), static_cast<float>(random_.uniform(-0.2, 0.2)),
+                   static_cast<float>(random_.uniform(0.8, 1.2)));
       point.source.keyframe = 0;
       for (int k = 0; k < keyframes && !point.measurements.full(); ++k) {
         Measurement m;
@@ -143,8 +146,9 @@ TEST_F(MapTest, ChangeOfCoordinatesKeepsTheImages) {
   const std::vector<Vector2f> after = images(map_, positions());
   for (size_t i = 0; i < before.size(); ++i) EXPECT_LT((after[i] - before[i]).norm(), tolerance_px) << i;
   EXPECT_NEAR(1 / (std::sqrt(partial.information) * partial.inverse_depth), relative_sigma, 1e-6f);
-  EXPECT_NEAR(map_.keyframes[0].mean_depth / (map_.keyframes[0].T_kw.t + S.scale * (map_.keyframes[0].T_kw.R * S.T.t)).norm(),
-              relative_depth, 1e-4f * relative_depth);
+  EXPECT_NEAR(
+      map_.keyframes[0].mean_depth / (map_.keyframes[0].T_kw.t + S.scale * (map_.keyframes[0].T_kw.R * S.T.t)).norm(),
+      relative_depth, 1e-4f * relative_depth);
   // The same change with a scale that is off by a hundredth would show in the moving keyframe.
   map_.keyframes[2].velocity.head<3>() *= 1.01f;
   const std::vector<Vector2f> wrong = images(map_, positions());
@@ -265,7 +269,6 @@ TEST_F(MapTest, CullingKeepsEightAndDropsTheRedundantOne) {
     cull_measurements(map_, config_.camera, point);
     EXPECT_EQ(point.measurements.size(), 8) << "eight are kept";
     point.measurements.push_back({Vector2f::Zero(), 2, 8});
-    const int twin_of = twin == 2 ? 3 : 2;
     // The definition, in double: the measurement whose |V| - |V - V_j| is least.
     Eigen::Matrix3d V_j[9], V = Eigen::Matrix3d::Zero();
     for (int j = 0; j < 9; ++j) {
@@ -287,7 +290,6 @@ TEST_F(MapTest, CullingKeepsEightAndDropsTheRedundantOne) {
     for (int j = 1; j < 9; ++j) least = std::min(least, V.determinant() - (V - V_j[j]).determinant());
     // Determinants of order 10 lose 1e-6 of it in float32; two that are nearer than that are equally useful.
     EXPECT_LT(V.determinant() - (V - V_j[gone]).determinant(), least + 1e-5 * V.determinant());
-    (void)twin_of;
   }
 }
 

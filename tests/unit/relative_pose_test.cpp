@@ -131,8 +131,8 @@ TEST(RelativePose, ThirtyPerCentOutliersAreRejected) {
         pose = next;
     }
     ASSERT_TRUE(pose.ok) << trial;
-    // All that is good; a shift along the epipolar line cannot be seen: within the 4.685 sigma of 5e-4 across it lie, of
-    // shifts of 0.02 to 0.08 in any direction, 2 / pi x 1.4 x 0.0023 / 0.045 = 5 %, and to these some that a pose
+    // All that is good; a shift along the epipolar line cannot be seen: within the 4.685 sigma of 5e-4 across it lie,
+    // of shifts of 0.02 to 0.08 in any direction, 2 / pi x 1.4 x 0.0023 / 0.045 = 5 %, and to these some that a pose
     // between good and bad lets in.
     EXPECT_GE(pose.inliers, 68) << trial;
     EXPECT_LE(pose.inliers, 78) << trial;
