@@ -107,13 +107,14 @@ void MapInitialiser::record_view(const Pyramid& pyramid, const GreyView& small, 
   if (views_[view_count_ - 1].timestamp_ns == timestamp_ns) return;
   ++frames_since_view_;
   if (!last && frames_since_view_ < view_stride_) return;
-  if (view_count_ == kMaxViews && !last) {
-    for (int i = 1; 2 * i < kMaxViews; ++i) std::swap(views_[i], views_[2 * i]);
-    view_count_ = kMaxViews / 2;
+  const int places = std::min(kMaxViews, std::max(3, config_.max_keyframes / 2));  // leaves room for the map to grow
+  if (view_count_ == places && !last) {
+    for (int i = 1; 2 * i < places; ++i) std::swap(views_[i], views_[2 * i]);
+    view_count_ = (places + 1) / 2;
     view_stride_ *= 2;
     if (frames_since_view_ < view_stride_) return;
   }
-  if (view_count_ == kMaxViews) --view_count_;  // replaced by the last
+  if (view_count_ == places) --view_count_;  // replaced by the last
   store_view(pyramid, small, timestamp_ns, views_[view_count_++]);
   frames_since_view_ = 0;
 }
