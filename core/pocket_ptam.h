@@ -11,9 +11,9 @@
 //   }
 //
 // One thread. No heap, no exceptions, no operating system; everything lives in the caller's block. The world's unit is
-// arbitrary (monocular): the distance between the first two keyframes is Config::initial_baseline. The world's z = 0 is
-// the dominant plane of the first view, z up towards the camera. Poses are T_cw (world to camera), camera x right,
-// y down, z forward, at the frame's timestamp (mid-exposure of the image centre).
+// arbitrary (monocular): the sideways start, from the first view to the farthest of it, is Config::initial_baseline
+// long. The world's z = 0 is the dominant plane of the first view, z up towards the camera. Poses are T_cw (world to
+// camera), camera x right, y down, z forward, at the frame's timestamp (mid-exposure of the image centre).
 #pragma once
 
 #include <cstddef>
@@ -44,7 +44,7 @@ struct Config {
   int max_new_partial_points = 25;  // per keyframe [phone 5.2]
   int max_initial_points = 100;     // tracked by the homography
 
-  float initial_baseline = 0.1f;  // world units between the first two keyframes [ptam 6.1]
+  float initial_baseline = 0.1f;  // length of the sideways start in world units [ptam 6.1]
   float min_keyframe_interval_s = 0.2f;
 
   PhoneProfile profile;  // turns charged work into time (the work clock)
@@ -150,8 +150,8 @@ class System {
  public:
   // Bytes of memory that create() needs for this configuration.
   static size_t required_bytes(const Config& config);
-  // Builds the system inside memory (aligned as by malloc, at least required_bytes), which must outlive it. *system is set
-  // only on success; there is nothing to destroy.
+  // Builds the system inside memory (aligned as by malloc, at least required_bytes), which must outlive it. *system is
+  // set only on success; there is nothing to destroy.
   static Status create(const Config& config, std::span<std::byte> memory, System** system);
 
   // For stage times and for the slices' length; may be null. The clock must outlive the system or be replaced.

@@ -110,7 +110,7 @@ Task Mapper::finish_initial_map() {
 }
 
 // Dominant plane to z = 0 with z towards the camera, origin where the first keyframe's axis meets it, x along the first
-// camera's x; the first two keyframes config.initial_baseline apart [ptam 6.1].
+// camera's x; the initial views reach config.initial_baseline from the first [ptam 6.1].
 bool Mapper::align_to_dominant_plane() {
   const SE3 T_1w = map_.keyframes[0].T_kw;
   const float depth = map_.keyframes[0].mean_depth;
@@ -182,7 +182,9 @@ bool Mapper::align_to_dominant_plane() {
   R.row(0) = x.transpose();
   R.row(1) = y.transpose();
   R.row(2) = z.transpose();
-  const float baseline = (map_.keyframes[1].T_kw.centre() - map_.keyframes[0].T_kw.centre()).norm();
+  float baseline = 0;  // of the initial views, the longest from the first
+  for (const Keyframe& keyframe : map_.keyframes)
+    baseline = std::max(baseline, (keyframe.T_kw.centre() - map_.keyframes[0].T_kw.centre()).norm());
   if (!(baseline > 1e-6f) || !R.allFinite()) return false;
   Similarity S;
   S.T = SE3(R, -(R * origin)) * T_1w;

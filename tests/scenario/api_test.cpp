@@ -319,5 +319,20 @@ TEST(Api, RandomUseKeepsEveryPromise) {
   EXPECT_TRUE(pose);
 }
 
+TEST(Api, ProfilesThatGiveNoTimeAreRefused) {
+  for (const float bad :
+       {std::numeric_limits<float>::quiet_NaN(), std::numeric_limits<float>::infinity(), -1.0f, 1e30f}) {
+    Config config = test::config_for(recording());
+    config.profile.instructions[0] = bad;
+    EXPECT_FALSE(config.validate().ok()) << "instructions " << bad;
+    config = test::config_for(recording());
+    config.profile.clock_mhz = bad;
+    EXPECT_FALSE(config.validate().ok()) << "clock " << bad;
+  }
+  Config config = test::config_for(recording());
+  config.max_new_partial_points = 1000000;
+  EXPECT_FALSE(config.validate().ok()) << "the message says 0 to 1000";
+}
+
 }  // namespace
 }  // namespace pptam

@@ -479,5 +479,21 @@ TEST(BundleAdjustment, DegenerateMapsDoNoHarm) {
   EXPECT_EQ(empty.bundle().result().iterations, 0);
 }
 
+// Above kMaxVelocityCameras free keyframes velocities are held: asking for them must change nothing.
+TEST(BundleAdjustment, LargeMapsHoldTheirVelocities) {
+  test::Random random;
+  for (const int keyframes : {17, 20, 24}) {
+    Problem problem = disturbed();
+    problem.keyframes = keyframes;
+    problem.rolling = true;
+    World asked(problem, random.seed());
+    asked.run(-1, true);
+    World held(problem, random.seed());
+    held.run(-1, false);
+    EXPECT_EQ(asked.map().hash(), held.map().hash()) << keyframes;
+    EXPECT_LE(asked.bundle().result().final_cost, held.bundle().result().final_cost * 1.01f) << keyframes;
+  }
+}
+
 }  // namespace
 }  // namespace pptam

@@ -204,5 +204,18 @@ TEST(FullFrameRotation, AnotherSceneIsNotARotation) {
   }
 }
 
+// A view that is covered from one frame to the next has no rotation.
+TEST(FullFrameRotation, ACoveredViewGivesNone) {
+  test::Random random;
+  const Texture texture(random);
+  const Small textured = render_turned(texture, Matrix3f::Identity(), 1, 0, 0, random);
+  const Small dim = render_turned(texture, Matrix3f::Identity(), 0.3, 40, 0, random);
+  for (const double grey : {0.0, 128.0, 255.0}) {
+    const Small flat = render([grey](const Eigen::Vector3d&) { return grey; }, 1, 0, 0, random);
+    EXPECT_FALSE(estimate(textured, flat).ok) << grey;
+    EXPECT_FALSE(estimate(dim, flat).ok) << grey;
+  }
+}
+
 }  // namespace
 }  // namespace pptam
