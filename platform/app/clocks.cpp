@@ -38,4 +38,8 @@ void ThrottledClock::idle_until(int64_t t_ns) {
   if (t_ns > now) skipped_ns_ += t_ns - now;
 }
 
+void ThrottledClock::forget_since(int64_t t_ns) {
+  skipped_ns_ -= now_ns() - t_ns;
+}
+
 }  // namespace pptam::app

@@ -211,6 +211,14 @@ RunLog run_sequence(platform::Camera& camera, const RunOptions& options, const S
   Taps taps(options.taps_s);
   const int64_t first_timestamp_ns = source.current().timestamp_ns;
   const int64_t origin_ns = clock->now_ns() - first_timestamp_ns;
+  auto* const throttled = dynamic_cast<ThrottledClock*>(clock.get());
+  // What the camera and the overlay cost is not the phone's time.
+  const auto advance = [&](int64_t since_ns) {
+    const bool more = source.advance();
+    if (throttled) throttled->forget_since(since_ns);
+    return more;
+  };
+  int64_t end_ns = clock->now_ns();
   do {
     const int index = log.source_frames++;
     const Frame& frame = source.current();
@@ -218,6 +226,7 @@ RunLog run_sequence(platform::Camera& camera, const RunOptions& options, const S
     const auto next_ns = source.next_timestamp_ns();
     if (options.drop_late && next_ns && clock->now_ns() >= origin_ns + *next_ns) {
       ++log.dropped;
+      end_ns = clock->now_ns();
       continue;
     }
     const int64_t idle_from_ns = clock->now_ns();
@@ -235,7 +244,7 @@ RunLog run_sequence(platform::Camera& camera, const RunOptions& options, const S
       break;
     }
     FrameLog entry = log_of(result);
-    const int64_t end_ns = clock->now_ns();
+    end_ns = clock->now_ns();
     entry.index = index;
     entry.track_ns = end_ns - start_ns;
     entry.late_ns = end_ns - arrival_ns;
@@ -244,7 +253,7 @@ RunLog run_sequence(platform::Camera& camera, const RunOptions& options, const S
     entry.instructions = system->work_meter().instructions() - start_instructions;
     log.frames.push_back(entry);
     if (on_frame) on_frame(frame, result, log);
-  } while (source.advance());
+  } while (advance(end_ns));
 
   log.keyframes.resize(static_cast<size_t>(system->keyframes({})));
   system->keyframes(log.keyframes);
