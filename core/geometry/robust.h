@@ -12,6 +12,10 @@ namespace pptam {
 // Cut-off in units of sigma: 95 % efficient for two-dimensional Gaussian residuals.
 constexpr float kTukeyCutoff = 5.12f;
 
+// Smallest scale that residuals may show, in units of their level's sigma (2^level px): no less than what sub-pixel
+// refinement adds (0.02 to 0.12 by contrast, tests/kernels), so that a few perfect points do not reject all others.
+constexpr float kRobustSigmaFloor = 0.15f;
+
 // sigma of one coordinate from the median of squared 2-D norms: median(|e|^2) = 2 ln 2 sigma^2, sqrt(2 ln 2) = 1.1774.
 // Reorders values. 0 when empty.
 inline float robust_sigma(std::span<float> squared_norms) {

@@ -12,9 +12,8 @@ namespace pptam {
 struct SearchOptions {
   int level = 1;        // pyramid level searched: 1, or 2 for blurred frames [phone 4]
   float radius_px = 4;  // in that level's pixels
-  // Largest zero-mean SSD, as a fraction of the template's own zero-mean energy: 1 - NCC^2 for equal contrast. Judged
-  // on emulated and recorded sequences: right matches stay under 0.3 at L1, accidental ones in an 8 px circle rarely
-  // come under 0.5.
+  // Largest zero-mean SSD, as a fraction of the template's own zero-mean energy: 1 - NCC^2 for equal contrast. Lower
+  // loses points to blur and slant, higher takes accidental matches. A starting point: it has not been swept.
   float max_relative_zmssd = 0.4f;
   bool refine = true;
 };

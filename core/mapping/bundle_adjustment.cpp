@@ -12,8 +12,6 @@ namespace pptam {
 
 namespace {
 
-// Scale floor in units of the measurements' sigma: below the sub-pixel refinement's own noise nothing is an outlier.
-constexpr float kSigmaFloor = 0.15f;
 constexpr float kConverged = 1e-3f;  // relative fall of the cost by an accepted step
 constexpr float kFirstLambda = 1e-3f;
 constexpr float kMinLambda = 1e-6f, kMaxLambda = 1e4f;
@@ -263,7 +261,7 @@ Task BundleAdjuster::linearise() {
     meter_.charge(Work::kBundleProjection, point.count);
     co_await background_.slice();
   }
-  sigma_ = std::max(robust_sigma(squared_), kSigmaFloor);
+  sigma_ = std::max(robust_sigma(squared_), kRobustSigmaFloor);
   meter_.charge(Work::kOther, 30LL * squared_.size());
   cost_ = 0;
   for (Point& point : points_) {

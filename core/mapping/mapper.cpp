@@ -26,7 +26,6 @@ constexpr float kMeasurementNoise_px = 0.8f;  // sub-pixel noise and what the ro
 constexpr float kImageBorder_px = 12.0f;
 constexpr float kMinReliability = 0.3f;
 constexpr int kMinAttempts = 20;
-constexpr float kSigmaFloor = 0.15f;  // as in tracking
 constexpr int kPlaneTrials = 100;
 constexpr int kVelocityRounds = 3;  // bundle adjustments with re-estimated velocities after each keyframe
 
@@ -395,7 +394,7 @@ Task Mapper::update_velocities() {
     prior.sigma_translation = kVelocitySigmaTranslation * keyframe.mean_depth;
     prior.sigma_rotation = kVelocitySigmaRotation;
     const PoseUpdate update =
-        update_pose(config_.camera, config_.shutter, keyframe.T_kw, prior, pose_points_, kSigmaFloor, meter_);
+        update_pose(config_.camera, config_.shutter, keyframe.T_kw, prior, pose_points_, kRobustSigmaFloor, meter_);
     if (update.ok) keyframe.velocity = update.velocity;
     co_await slice();
   }

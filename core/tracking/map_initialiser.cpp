@@ -19,9 +19,6 @@ constexpr int kMinInliers = 14;
 constexpr int kMaxBadFrames = 5;
 constexpr int kFitIterations = 10;
 constexpr float kSigma_px = 2.0f;  // a measurement's expected standard deviation at L1, before sub-pixel refinement
-// Scale floor of the homography's residuals, in units of the measurements' sigma (2 px at L1): sub-pixel noise is
-// 0.15 of it, but unmodelled rolling shutter (hand tremor) is not Gaussian.
-constexpr float kSigmaFloor = 0.15f;
 // Noise for which the decomposition must be well constrained, level-0 px: what tremor adds within one readout.
 constexpr float kDecompositionNoise_px = 1.0f;
 constexpr float kMaxSigmaNormal_rad = 0.045f;  // 2.6 degrees
@@ -232,7 +229,7 @@ bool MapInitialiser::fit_homography(const Matrix3f& H_predicted) {
         squared_.push_back((scale * (point.x_2 - apply_homography(H, point.x_1))).squaredNorm());
     meter_.charge(Work::kHomographyPoint, squared_.size());
     if (squared_.size() < kMinInliers) return false;
-    const float sigma = std::max(robust_sigma(squared_), kSigmaFloor);
+    const float sigma = std::max(robust_sigma(squared_), kRobustSigmaFloor);
     Matrix8f A = Matrix8f::Zero();
     Vector8f b = Vector8f::Zero();
     int inliers = 0;
@@ -479,7 +476,7 @@ Vector6f MapInitialiser::velocity_from_rate(const Matrix3f& rate, const Hypothes
 
 // One SE(3) pose in each hypothesis' map. True when one is left: winner_.
 bool MapInitialiser::track_hypotheses(float dt_s) {
-  float frame_scale = kSigmaFloor;
+  float frame_scale = kRobustSigmaFloor;
   for (Hypothesis& hypothesis : hypotheses_) {
     if (!hypothesis.alive) continue;
     gather_pose_points(hypothesis);
@@ -489,7 +486,7 @@ bool MapInitialiser::track_hypotheses(float dt_s) {
     prior.sigma_rotation = kPriorRotation;
     const PoseUpdate update =
         update_pose(config_.camera, config_.shutter, SE3::exp(prior.mean * dt_s) * hypothesis.T_c1, prior, pose_points_,
-                    kSigmaFloor, meter_);
+                    kRobustSigmaFloor, meter_);
     if (!update.ok) {
       hypothesis.alive = false;
       continue;
@@ -567,7 +564,7 @@ PoseUpdate MapInitialiser::locate_view(const View& view, const Hypothesis& hypot
   VelocityPrior prior;
   prior.sigma_translation = kPriorTranslation;
   prior.sigma_rotation = kPriorRotation;
-  return update_pose(config_.camera, config_.shutter, T_start, prior, pose_points_, kSigmaFloor, meter_);
+  return update_pose(config_.camera, config_.shutter, T_start, prior, pose_points_, kRobustSigmaFloor, meter_);
 }
 
 bool MapInitialiser::build(Map& map, SE3* T_cw, Vector6f* velocity) {

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "base/deterministic_math.h"
+#include "geometry/robust.h"
 #include "image/grey.h"
 #include "map/patch_search.h"
 #include "tracking/full_frame_rotation.h"
@@ -20,9 +21,6 @@ constexpr int kGoodInliers = 12;
 constexpr int kPoorInliers = 8;
 constexpr int kBadFramesUntilLost = 3;
 constexpr int kFramesToConfirm = 2;
-
-// Robust scale floor in units of 2^level pixels: the sub-pixel refinement's noise is 0.1 to 0.2 of it.
-constexpr float kSigmaFloor = 0.15f;
 
 // Image motion within the exposure at which L1 becomes too blurred: a third of the 16 level-0 px that a template
 // covers.
@@ -143,7 +141,7 @@ TrackResult Tracker::track(const Frame& frame, const Clock* clock) {
   mark_stage(Stage::kRotation, &result);
 
   if (map_.exists() && state_ == TrackingState::kLost) {
-    relocalise(dt_s, &result);
+    relocalise(&result);
   } else if (map_.exists()) {
     track_with_map(dt_s, &result);
   } else {
@@ -324,7 +322,7 @@ Tracker::MapTracking Tracker::search_and_update(const SE3& T_start, const Veloci
     pose_indices_.push_back(index);
     observed_.push_back(observed);
   }
-  tracking.pose = update_pose(config_.camera, config_.shutter, T_start, prior, pose_points_, kSigmaFloor, meter_);
+  tracking.pose = update_pose(config_.camera, config_.shutter, T_start, prior, pose_points_, kRobustSigmaFloor, meter_);
   // Tell each observation what became of it.
   int found_index = 0;
   for (ObservedPoint& observed : observed_) {
@@ -452,8 +450,7 @@ void Tracker::accept(const PoseUpdate& pose, float dt_s) {
   if (count > 0) mean_depth_ = depth_sum / static_cast<float>(count);
 }
 
-void Tracker::relocalise(float dt_s, TrackResult* result) {
-  (void)dt_s;
+void Tracker::relocalise(TrackResult* result) {
   constexpr int kCandidates = 3;
   velocity_.setZero();
   const RelocalisationCandidate candidate = propose_pose(map_, config_.camera, small_, relocalise_rank_, meter_);

@@ -44,7 +44,7 @@ class Tracker {
   MapTracking search_and_update(const SE3& T_start, const VelocityPrior& prior, int level, float radius_px);
   void select_points(const SE3& T_cw, const Vector6f& velocity);
   void track_with_map(float dt_s, TrackResult* result);
-  void relocalise(float dt_s, TrackResult* result);
+  void relocalise(TrackResult* result);
   void track_initialiser(TrackResult* result);
   void update_partial_points(TrackResult* result);
   bool wants_keyframe(const MapTracking& tracking) const;
