@@ -2,7 +2,6 @@
 #pragma once
 
 #include <cstdint>
-#include <filesystem>
 #include <memory>
 #include <string>
 #include <vector>
@@ -28,15 +27,11 @@ struct PhoneOptions {
 };
 
 std::vector<std::string> scene_names();  // "desk", "boxes", "walls", "checkerboard"
-// "calm": hold still, move sideways, then explore. "shaky": the same with four times the tremor. "still": as on a tripod. "pure_rotation": turns about a fixed point.
+// "calm": hold still, move sideways, then explore. "shaky": the same with four times the tremor. "still": as on a
+// tripod. "pure_rotation": turns about a fixed point.
 std::vector<std::string> motion_names();
 
 // Throws platform::InputError on options that make no sense, naming the option.
 std::unique_ptr<platform::Camera> make_phone_camera(const PhoneOptions& options);
-
-// Writes everything that the camera delivers in the TUM RGB-D layout: rgb/*.png, rgb.txt, groundtruth.txt and
-// calibration.yaml (Kalibr's form with our readout keys), so that other programs can be run on it. Calls progress(done,
-// total) after each frame. The folder must be new or empty.
-void dump_sequence(platform::Camera& camera, const std::filesystem::path& folder, void (*progress)(int, int));
 
 }  // namespace pptam::sim

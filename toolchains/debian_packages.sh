@@ -1,4 +1,5 @@
-# Sourced by tests/run.sh and sim_phone/demo.sh: the Debian packages that a build needs, and how they get installed.
+# Sourced by tests/run.sh, tests/bench/run.sh, tests/fuzz/run.sh and sim_phone/demo.sh: the Debian packages that a build needs, and how they
+# get installed.
 
 program_packages=(
   g++ cmake ninja-build pkgconf
@@ -8,6 +9,12 @@ program_packages=(
   ffmpeg gnuplot-nox                                    # the program runs them: videos, plots
 )
 test_packages=(libgtest-dev)
+target_packages=(                                       # tests/run.sh runs the core on other compilers and processors
+  clang
+  g++-arm-linux-gnueabi g++-arm-linux-gnueabihf g++-aarch64-linux-gnu qemu-user
+)
+fuzz_packages=(clang libclang-rt-14-dev)
+bench_packages=(libbenchmark-dev libopencv-video-dev)  # OpenCV's core and imgproc come with its video
 
 # install_packages NAME...: those that are not installed yet. Calls apt only when one is missing, so that everything
 # works without a network once it is there.

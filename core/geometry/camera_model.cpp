@@ -232,7 +232,7 @@ bool CameraModel::project(const Vector3f& p_c, Vector2f* px) const {
   if (!(p_c.z() > 0.0f)) return false;
   const Vector2f x(p_c.x() / p_c.z(), p_c.y() / p_c.z());
   if (!(x.dot(x) <= max_radius_sq)) return false;
-  const Vector2f distorted = distort(*this, x, nullptr);
+  const Vector2f distorted = distortion == Distortion::kNone ? x : distort(*this, x, nullptr);
   *px = Vector2f(fx * distorted.x() + cx, fy * distorted.y() + cy);
   return true;
 }

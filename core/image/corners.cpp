@@ -18,61 +18,40 @@ constexpr float tensor_scale(int radius) {
   return 1.0f / static_cast<float>(4 * (2 * radius + 1) * (2 * radius + 1));
 }
 
-inline void add_gradient(const uint8_t* px, int stride, int32_t sign, StructureTensor* sum) {
+inline StructureTensor gradient_products(const uint8_t* px, int stride) {
   const int32_t gx = px[1] - px[-1];
   const int32_t gy = px[stride] - px[-stride];
-  sum->xx += sign * gx * gx;
-  sum->xy += sign * gx * gy;
-  sum->yy += sign * gy * gy;
+  return {gx * gx, gx * gy, gy * gy};
 }
 
-// lambda_min = (xx + yy - sqrt((xx - yy)^2 + 4 xy^2)) / 2. The root is at most 6.4e6 and rounded to 0.5: after scaling
-// by tensor_scale(kRadiusL0) an error of 0.0013.
-float min_eigenvalue(const StructureTensor& sum, float scale) {
-  const auto trace = static_cast<float>(sum.xx + sum.yy);
+// Twice the smaller eigenvalue is trace - root, root^2 = (xx - yy)^2 + 4 xy^2: all exact in int64_t.
+// Whether it exceeds limit, without taking the root.
+inline bool twice_smaller_exceeds(const StructureTensor& sum, int32_t limit) {
+  const int32_t excess = sum.xx + sum.yy - limit;
+  if (excess <= 0) return false;
+  const int32_t difference = sum.xx - sum.yy, twice_xy = 2 * sum.xy;
+  return int64_t{excess} * excess > int64_t{difference} * difference + int64_t{twice_xy} * twice_xy;
+}
+// The root is at most 6.4e6 and rounded to 0.5: after scaling by tensor_scale(kRadiusL0) an error of 0.0013, to either
+// side of zero where the eigenvalue is zero.
+[[gnu::always_inline]] inline float twice_smaller_eigenvalue(const StructureTensor& sum) {
   const auto difference = static_cast<float>(sum.xx - sum.yy);
   const auto twice_xy = static_cast<float>(2 * sum.xy);
   const float root = std::sqrt(difference * difference + twice_xy * twice_xy);
-  return std::max(0.0f, 0.5f * scale * (trace - root));
+  return static_cast<float>(sum.xx + sum.yy) - root;
 }
 
-// Adds (sign 1) or takes away (sign -1) the gradients of row y to the sums of columns first..last.
-template <int32_t sign>
-void update_columns(const GreyView& image, int y, int first, int last, StructureTensor* columns) {
+// Sums of row y's gradient products over 3 columns, for columns first..last.
+void sum_row(const GreyView& image, int y, int first, int last, StructureTensor* out) {
+  const int stride = image.stride;
   const uint8_t* row = image.row(y);
-  for (int x = first; x <= last; ++x) add_gradient(row + x, image.stride, sign, &columns[x]);
-}
-
-// Minimum eigenvalues for every pixel at least border - 1 inside, zero where they are below min_score. Sliding sums:
-// down the columns over the window's rows, then along the row over its columns.
-void score_image(const GreyView& image, float min_score, int border, CornerScratch& scratch) {
-  constexpr float kScale = tensor_scale(kRadiusL2);
-  const int first_x = border - 1, last_x = image.width - border;
-  const int first_y = border - 1, last_y = image.height - border;
-  const int first_column = first_x - kRadiusL2, last_column = last_x + kRadiusL2;
-  // Neither eigenvalue exceeds xx or yy: a smaller one of those settles most pixels without a square root.
-  const auto min_diagonal = static_cast<int32_t>(std::clamp(min_score / kScale, 0.0f, 4e6f));
-
-  StructureTensor* columns = scratch.columns.data();
-  std::fill(columns, columns + image.width, StructureTensor());
-  for (int y = first_y - kRadiusL2; y < first_y + kRadiusL2; ++y)
-    update_columns<1>(image, y, first_column, last_column, columns);
-  for (int y = first_y; y <= last_y; ++y) {
-    update_columns<1>(image, y + kRadiusL2, first_column, last_column, columns);
-    StructureTensor sum;
-    for (int x = first_column; x < first_x + kRadiusL2; ++x) sum += columns[x];
-    float* scores = scratch.score.data() + y * image.width;
-    for (int x = first_x; x <= last_x; ++x) {
-      sum += columns[x + kRadiusL2];
-      float score = 0;
-      if (sum.xx >= min_diagonal && sum.yy >= min_diagonal) {
-        score = min_eigenvalue(sum, kScale);
-        if (score < min_score) score = 0;
-      }
-      scores[x] = score;
-      sum -= columns[x - kRadiusL2];
-    }
-    update_columns<-1>(image, y - kRadiusL2, first_column, last_column, columns);
+  StructureTensor left = gradient_products(row + first - 1, stride);
+  StructureTensor middle = gradient_products(row + first, stride);
+  for (int x = first; x <= last; ++x) {
+    const StructureTensor right = gradient_products(row + x + 1, stride);
+    out[x] = left + middle + right;
+    left = middle;
+    middle = right;
   }
 }
 
@@ -86,62 +65,30 @@ bool is_maximum(const float* score, int stride) {
          s >= score[1] && s >= below[-1] && s >= below[0] && s >= below[1];
 }
 
-// Scores of the nine centres round (x, y), row-major. Every gradient is formed once: down each column for the three
-// windows one row apart, then along the rows of column sums for the three windows one column apart.
-template <int kRadius>
-void score_neighbourhood(const GreyView& image, int x, int y, float scores[9]) {
-  constexpr int kSpan = 2 * kRadius + 3;
-  const int stride = image.stride;
-  StructureTensor columns[3][kSpan];
-  for (int i = 0; i < kSpan; ++i) {
-    const uint8_t* px = image.row(y - kRadius - 1) + x - kRadius - 1 + i;
-    StructureTensor first, second, last_but_one, last, middle;
-    add_gradient(px, stride, 1, &first);
-    add_gradient(px + stride, stride, 1, &second);
-    px += 2 * stride;
-    for (int j = 2; j < kSpan - 2; ++j, px += stride) add_gradient(px, stride, 1, &middle);
-    add_gradient(px, stride, 1, &last_but_one);
-    add_gradient(px + stride, stride, 1, &last);
-    middle += second;
-    columns[0][i] = middle;
-    columns[0][i] += first;
-    middle += last_but_one;
-    columns[1][i] = middle;
-    middle -= second;
-    columns[2][i] = middle;
-    columns[2][i] += last;
-  }
-  for (int r = 0; r < 3; ++r) {
-    const StructureTensor* column = columns[r];
-    StructureTensor sum;
-    for (int i = 0; i < kSpan - 2; ++i) sum += column[i];
-    scores[3 * r] = min_eigenvalue(sum, tensor_scale(kRadius));
-    for (int c = 1; c < 3; ++c) {
-      sum -= column[c - 1];
-      sum += column[c + kSpan - 3];
-      scores[3 * r + c] = min_eigenvalue(sum, tensor_scale(kRadius));
-    }
-  }
-}
-
 // Moves (x, y) to the best of its 3x3 neighbourhood until it is a maximum (the centre wins ties) or max_steps are made.
 // Returns the score there.
 template <int kRadius>
 float ascend(const GreyView& image, int max_steps, int* x, int* y, int* steps) {
-  float score = 0;
+  constexpr int kCentre = 4;
+  float twice = 0;  // of the centre: twice the smaller eigenvalue
   for (int step = 0; step < max_steps; ++step) {
-    float scores[9];
-    score_neighbourhood<kRadius>(image, *x, *y, scores);
+    StructureTensor sums[9];
+    kernel::window_sums<kRadius>(image.row(*y) + *x, image.stride, sums);
     ++*steps;
-    int best = 4;
-    for (int i = 0; i < 9; ++i)
-      if (scores[i] > scores[best]) best = i;
-    score = scores[best];
-    if (best == 4) break;
+    if (step == 0) twice = twice_smaller_eigenvalue(sums[kCentre]);
+    int best = kCentre;
+    for (int i = 0; i < 9; ++i) {
+      if (i == kCentre || !twice_smaller_exceeds(sums[i], static_cast<int32_t>(twice))) continue;
+      const float other = twice_smaller_eigenvalue(sums[i]);
+      if (other <= twice) continue;
+      twice = other;
+      best = i;
+    }
+    if (best == kCentre) break;
     *x += best % 3 - 1;
     *y += best / 3 - 1;
   }
-  return score;
+  return 0.5f * tensor_scale(kRadius) * twice;
 }
 
 }  // namespace
@@ -149,75 +96,126 @@ float ascend(const GreyView& image, int max_steps, int* x, int* y, int* steps) {
 float shi_tomasi_score(const GreyView& image, int x, int y) {
   constexpr int kInside = kRadiusL0 + 1;
   PPTAM_ASSERT(x >= kInside && y >= kInside && x < image.width - kInside && y < image.height - kInside);
-  StructureTensor sum;
+  StructureTensor sum = {0, 0, 0};
   for (int dy = -kRadiusL0; dy <= kRadiusL0; ++dy)
-    for (int dx = -kRadiusL0; dx <= kRadiusL0; ++dx) add_gradient(image.row(y + dy) + x + dx, image.stride, 1, &sum);
-  return min_eigenvalue(sum, tensor_scale(kRadiusL0));
+    for (int dx = -kRadiusL0; dx <= kRadiusL0; ++dx) sum += gradient_products(image.row(y + dy) + x + dx, image.stride);
+  return std::max(0.0f, 0.5f * tensor_scale(kRadiusL0) * twice_smaller_eigenvalue(sum));
 }
 
-CornerScratch::CornerScratch(Arena& arena, int width_l0, int height_l0)
-    : score(arena, (width_l0 >> 2) * (height_l0 >> 2)),
-      columns(arena, width_l0 >> 2),
-      candidates(arena, ((width_l0 >> 3) + 1) * ((height_l0 >> 3) + 1)) {}
+CornerDetector::CornerDetector(Arena& arena, int width_l0, int height_l0)
+    : score_(arena, (width_l0 >> 2) * (height_l0 >> 2)),
+      rows_(arena, 3 * (width_l0 >> 2)),
+      maxima_(arena, ((width_l0 >> 3) + 1) * ((height_l0 >> 3) + 1)),
+      taken_(arena, ((width_l0 >> 3) + 1) * ((height_l0 >> 3) + 1)) {}
 
-int detect_corners(const Pyramid& pyramid, const CornerParams& params, CornerScratch& scratch, std::span<Corner> out,
-                   CornerStats* stats) {
+// Minimum eigenvalues for every pixel at least border - 1 inside, zero where they are below min_score: sums along rows,
+// kept for three rows, then down the columns. Then the maxima among those border inside.
+void CornerDetector::find_maxima(const GreyView& l2) {
+  static_assert(kRadiusL2 == 1);
+  const int border = std::max(params_.border_l2, kMinBorder);
+  if (l2.width <= 2 * border || l2.height <= 2 * border) return;
+  const int first_x = border - 1, last_x = l2.width - border;
+  const int first_y = border - 1, last_y = l2.height - border;
+  const float scale = 0.5f * tensor_scale(kRadiusL2);
+  const auto min_twice = static_cast<int32_t>(std::clamp(params_.min_score / scale, 0.0f, 4e6f));
+  const int32_t min_diagonal = min_twice / 2;  // neither eigenvalue exceeds xx or yy: that settles most pixels
+
+  score_.resize(l2.width * l2.height);
+  rows_.resize(3 * l2.width);
+  StructureTensor* rows[3];  // row sums of the rows y - 1, y, y + 1
+  for (int i = 0; i < 3; ++i) rows[i] = rows_.data() + i * l2.width;
+  sum_row(l2, first_y - 1, first_x, last_x, rows[0]);
+  sum_row(l2, first_y, first_x, last_x, rows[1]);
+  for (int y = first_y; y <= last_y; ++y) {
+    sum_row(l2, y + 1, first_x, last_x, rows[2]);
+    float* scores = score_.data() + y * l2.width;
+    for (int x = first_x; x <= last_x; ++x) {
+      scores[x] = 0;
+      const int32_t xx = rows[0][x].xx + rows[1][x].xx + rows[2][x].xx;
+      if (xx < min_diagonal) continue;
+      const int32_t yy = rows[0][x].yy + rows[1][x].yy + rows[2][x].yy;
+      if (yy < min_diagonal) continue;
+      const StructureTensor sum = {xx, rows[0][x].xy + rows[1][x].xy + rows[2][x].xy, yy};
+      if (twice_smaller_exceeds(sum, min_twice)) scores[x] = scale * twice_smaller_eigenvalue(sum);
+    }
+    std::rotate(rows, rows + 1, rows + 3);
+  }
+
+  for (int y = border; y < l2.height - border; ++y) {
+    const float* scores = score_.data() + y * l2.width;
+    for (int x = border; x < l2.width - border; ++x) {
+      if (scores[x] == 0 || !is_maximum(scores + x, l2.width)) continue;
+      Maximum maximum;
+      maximum.score = scores[x];
+      maximum.x = static_cast<int16_t>(x);
+      maximum.y = static_cast<int16_t>(y);
+      maximum.cell =
+          static_cast<int16_t>(y * params_.cells_y / l2.height * params_.cells_x + x * params_.cells_x / l2.width);
+      maxima_.push_back(maximum);
+    }
+  }
+}
+
+void CornerDetector::start(const Pyramid& pyramid, const CornerParams& params) {
   // Five steps cannot leave the part of L1 and L0 where neighbourhoods can be scored: see the start of the ascent.
   PPTAM_ASSERT(params.max_ascent_steps >= 1 && params.max_ascent_steps <= 5);
   PPTAM_ASSERT(params.cells_x >= 1 && params.cells_y >= 1);
-  const GreyView& l2 = pyramid.level[2];
-  const int border = std::max(params.border_l2, kMinBorder);
-  int steps = 0;
-  scratch.candidates.clear();
-  if (l2.width > 2 * border && l2.height > 2 * border) {
-    scratch.score.resize(l2.width * l2.height);
-    scratch.columns.resize(l2.width);
-    score_image(l2, params.min_score, border, scratch);
-    for (int y = border; y < l2.height - border; ++y) {
-      for (int x = border; x < l2.width - border; ++x) {
-        const float* score = scratch.score.data() + y * l2.width + x;
-        if (*score <= 0 || !is_maximum(score, l2.width)) continue;
-        // The middle of the L2 pixel is at 2 x + 0.5 in L1, as in to_level0(); rounded down, its other neighbours are
-        // within the first 3x3. The same again from L1 to L0. Border: 2 x 5 - 5 steps = 5 in L1, more in L0.
-        int x0 = 2 * x, y0 = 2 * y;
-        const float score_l1 = ascend<kRadiusL1>(pyramid.level[1], params.max_ascent_steps, &x0, &y0, &steps);
-        if (score_l1 < params.min_score) continue;
-        x0 *= 2;
-        y0 *= 2;
-        const float score_l0 = ascend<kRadiusL0>(pyramid.level[0], params.max_ascent_steps, &x0, &y0, &steps);
-        if (score_l0 < params.min_score) continue;
-        CornerCandidate candidate;
-        candidate.corner = {static_cast<int16_t>(x0), static_cast<int16_t>(y0), std::min({*score, score_l1, score_l0})};
-        candidate.cell = y * params.cells_y / l2.height * params.cells_x + x * params.cells_x / l2.width;
-        scratch.candidates.push_back(candidate);
-      }
-    }
-  }
-  if (stats) stats->ascent_steps = steps;
+  pyramid_ = pyramid;
+  params_ = params;
+  maxima_.clear();
+  taken_.clear();
+  next_ = 0;
+  ascent_steps_ = 0;
+  find_maxima(pyramid.level[2]);
 
   // Both orders are total, so that every sort routine gives the same result.
-  CornerCandidate* begin = scratch.candidates.begin();
-  CornerCandidate* end = scratch.candidates.end();
-  const auto better = [](const Corner& a, const Corner& b) {
+  const auto better = [](const Maximum& a, const Maximum& b) {
     if (a.score != b.score) return a.score > b.score;
     return a.y != b.y ? a.y < b.y : a.x < b.x;
   };
-  std::sort(begin, end, [&](const CornerCandidate& a, const CornerCandidate& b) {
-    return a.cell != b.cell ? a.cell < b.cell : better(a.corner, b.corner);
-  });
-  for (CornerCandidate* c = begin; c != end; ++c) c->turn = c != begin && c[-1].cell == c->cell ? c[-1].turn + 1 : 0;
-  std::sort(begin, end, [&](const CornerCandidate& a, const CornerCandidate& b) {
-    return a.turn != b.turn ? a.turn < b.turn : better(a.corner, b.corner);
-  });
+  std::sort(maxima_.begin(), maxima_.end(),
+            [&](const Maximum& a, const Maximum& b) { return a.cell != b.cell ? a.cell < b.cell : better(a, b); });
+  for (int i = 0; i < maxima_.size(); ++i) {
+    const bool same_cell = i > 0 && maxima_[i - 1].cell == maxima_[i].cell;
+    maxima_[i].turn = same_cell ? static_cast<int16_t>(maxima_[i - 1].turn + 1) : int16_t{0};
+  }
+  std::sort(maxima_.begin(), maxima_.end(),
+            [&](const Maximum& a, const Maximum& b) { return a.turn != b.turn ? a.turn < b.turn : better(a, b); });
+}
 
-  int count = 0;
-  for (const CornerCandidate* c = begin; c != end && count < static_cast<int>(out.size()); ++c) {
-    const bool apart = std::none_of(out.begin(), out.begin() + count, [&](const Corner& taken) {
-      const int dx = taken.x - c->corner.x, dy = taken.y - c->corner.y;
+bool CornerDetector::next(Corner* corner) {
+  const int width = pyramid_.level[2].width;
+  while (next_ < maxima_.size()) {
+    const Maximum& maximum = maxima_[next_++];
+    // The middle of the L2 pixel is at 2 x + 0.5 in L1, as in to_level0(): start on the side with the greater score.
+    // Border: 2 x 5 - 5 steps = 5 in L1, more in L0.
+    const float* score = score_.data() + maximum.y * width + maximum.x;
+    int x = 2 * maximum.x + (score[1] > score[-1] ? 1 : 0);
+    int y = 2 * maximum.y + (score[width] > score[-width] ? 1 : 0);
+    const float score_l1 = ascend<kRadiusL1>(pyramid_.level[1], params_.max_ascent_steps, &x, &y, &ascent_steps_);
+    if (score_l1 < params_.min_score) continue;
+    x *= 2;  // rounded down, the other neighbours of the middle are within the first 3x3
+    y *= 2;
+    const float score_l0 = ascend<kRadiusL0>(pyramid_.level[0], params_.max_ascent_steps, &x, &y, &ascent_steps_);
+    if (score_l0 < params_.min_score) continue;
+    const bool apart = std::none_of(taken_.begin(), taken_.end(), [&](const Corner& other) {
+      const int dy = other.y - y;
+      if (dy >= kMinDistance || dy <= -kMinDistance) return false;
+      const int dx = other.x - x;
       return dx * dx + dy * dy < kMinDistance * kMinDistance;
     });
-    if (apart) out[count++] = c->corner;
+    if (!apart) continue;
+    *corner = {static_cast<int16_t>(x), static_cast<int16_t>(y), std::min({maximum.score, score_l1, score_l0})};
+    taken_.push_back(*corner);
+    return true;
   }
+  return false;
+}
+
+int CornerDetector::detect(const Pyramid& pyramid, const CornerParams& params, std::span<Corner> out) {
+  start(pyramid, params);
+  int count = 0;
+  while (count < static_cast<int>(out.size()) && next(&out[static_cast<size_t>(count)])) ++count;
   return count;
 }
 

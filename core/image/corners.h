@@ -1,6 +1,6 @@
 // Multi-scale Shi-Tomasi corners [phone 3.1]: exhaustive only in L2, then iterative ascent down to L1 and L0.
 //
-// Called once per keyframe and at the start of initialisation, never per tracked frame. Scores come from the integer
+// Used once per keyframe and at the start of initialisation, never per tracked frame. Scores come from the integer
 // structure tensor of central differences; the minimum eigenvalue decides. Windows are 7x7 in L0, 5x5 in L1 and 3x3 in
 // L2, of nearly equal size on the image: wide ones in the coarse levels merge neighbouring corners and pull the maximum
 // away from where the finer level looks (halved frames of a desk and of a phone's video gave 68 to 110 corners so, and
@@ -10,6 +10,7 @@
 #include <cstdint>
 #include <span>
 
+#include "image/kernels.h"
 #include "image/pyramid.h"
 
 namespace pptam {
@@ -41,44 +42,44 @@ struct CornerParams {
 // must be at least 4 pixels inside. Central differences (I(x+1) - I(x-1)) / 2.
 float shi_tomasi_score(const GreyView& image, int x, int y);
 
-struct StructureTensor {  // sums of products of gradients
-  int32_t xx = 0;
-  int32_t xy = 0;
-  int32_t yy = 0;
-  void operator+=(const StructureTensor& other) {
-    xx += other.xx;
-    xy += other.xy;
-    yy += other.yy;
-  }
-  void operator-=(const StructureTensor& other) {
-    xx -= other.xx;
-    xy -= other.xy;
-    yy -= other.yy;
-  }
-};
+// Finds corners one after the other, so that a caller takes no more than it needs and may pause in between:
+//
+//   detector.start(pyramid, params);
+//   while (detector.next(&corner)) ...
+//
+// The order is fixed: by turns from the buckets, the strongest in L2 first. Two corners are never closer than 6 level-0
+// pixels. The pyramid must stay as it is until the last call. No allocation; memory is about 18 bytes for each L2
+// pixel.
+class CornerDetector {
+ public:
+  CornerDetector() = default;
+  CornerDetector(Arena& arena, int width_l0, int height_l0);
 
-struct CornerCandidate {
-  Corner corner;
-  int32_t cell = 0;  // bucket, row-major
-  int32_t turn = 0;  // rank within its bucket
-};
+  void start(const Pyramid& pyramid, const CornerParams& params);  // scores L2
+  bool next(Corner* corner);                                       // ascends to L0; false at the end
+  // Both for all that fit into out; returns their number.
+  int detect(const Pyramid& pyramid, const CornerParams& params, std::span<Corner> out);
 
-// Scratch for detect_corners: the L2 score image, its column sums, and the maxima before bucketing.
-struct CornerScratch {
-  FixedVector<float> score;              // L2 pixels
-  FixedVector<StructureTensor> columns;  // L2 columns
-  FixedVector<CornerCandidate> candidates;
-  CornerScratch() = default;
-  CornerScratch(Arena& arena, int width_l0, int height_l0);
-};
+  // 3x3 steps made in L1 and L0 since start: what the work meter charges.
+  int ascent_steps() const { return ascent_steps_; }
 
-struct CornerStats {
-  int ascent_steps = 0;  // 3x3 steps made in L1 and L0: what the work meter charges
-};
+ private:
+  struct Maximum {  // of the L2 score
+    float score = 0;
+    int16_t x = 0, y = 0;  // L2 pixels
+    int16_t cell = 0;      // bucket, row-major
+    int16_t turn = 0;      // rank within its bucket
+  };
+  void find_maxima(const GreyView& l2);
 
-// Writes up to out.size() corners, spread by buckets, in a deterministic order; returns their number. Two corners are
-// never closer than 6 level-0 pixels.
-int detect_corners(const Pyramid& pyramid, const CornerParams& params, CornerScratch& scratch, std::span<Corner> out,
-                   CornerStats* stats);
+  FixedVector<float> score_;           // L2 pixels
+  FixedVector<StructureTensor> rows_;  // 3 x L2 width
+  FixedVector<Maximum> maxima_;
+  FixedVector<Corner> taken_;
+  Pyramid pyramid_;
+  CornerParams params_;
+  int next_ = 0;
+  int ascent_steps_ = 0;
+};
 
 }  // namespace pptam

@@ -18,12 +18,6 @@ inline int32_t blend(int32_t a, int32_t b, int32_t weight) {
   return (a << 8) + (b - a) * weight;
 }
 
-// 4096 times the variance of 64 numbers, from their sum and sum of squares. For pixels both terms are at most
-// 64^2 x 255^2 = 2.7e8.
-inline int32_t variance_x4096(int32_t sum, int32_t sum_sq) {
-  return kPixels * sum_sq - sum * sum;
-}
-
 }  // namespace
 
 bool warp_patch(const GreyView& source, const Eigen::Vector2f& centre, const Eigen::Matrix2f& J_src_tpl,
@@ -52,22 +46,23 @@ bool warp_patch(const GreyView& source, const Eigen::Vector2f& centre, const Eig
   };
   if (!inside(x_start, dx_di, dx_dj, source.width) || !inside(y_start, dy_di, dy_dj, source.height)) return false;
 
+  // Positions are rounded to 1/256 px. On the last column or row the 2x2 starts one earlier, with weight 256.
+  const int x_max = source.width - 2, y_max = source.height - 2;
   int32_t x_blur = 0, y_blur = 0;  // at most 100 x 2^14
+  uint8_t* px_out = out->px;
   for (int j = 0; j < kPatchFramed; ++j) {
-    int32_t x = x_start + j * dx_dj;
-    int32_t y = y_start + j * dy_dj;
+    int32_t x = x_start + j * dx_dj + 128;
+    int32_t y = y_start + j * dy_dj + 128;
     for (int i = 0; i < kPatchFramed; ++i, x += dx_di, y += dy_di) {
-      // On the last column or row the 2x2 starts one earlier, with weight 256.
-      const int32_t x0 = std::min(x >> 16, source.width - 2);
-      const int32_t y0 = std::min(y >> 16, source.height - 2);
-      const int32_t x_weight = (x - x0 * 65536 + 128) >> 8;
-      const int32_t y_weight = (y - y0 * 65536 + 128) >> 8;
+      const int32_t x0 = std::min(x >> 16, x_max), y0 = std::min(y >> 16, y_max);
+      const int32_t x_weight = (x >> 8) - x0 * 256, y_weight = (y >> 8) - y0 * 256;
       x_blur += x_weight * (256 - x_weight);
       y_blur += y_weight * (256 - y_weight);
-      const uint8_t* px = source.row(y0) + x0;
-      const int32_t upper = blend(px[0], px[1], x_weight);  // at most 255 x 2^8
-      const int32_t lower = blend(px[source.stride], px[source.stride + 1], x_weight);
-      out->px[j * kPatchFramed + i] = static_cast<uint8_t>((blend(upper, lower, y_weight) + 32768) >> 16);
+      const uint8_t* upper_px = source.data + y0 * source.stride + x0;
+      const uint8_t* lower_px = upper_px + source.stride;
+      const int32_t upper = blend(upper_px[0], upper_px[1], x_weight);  // at most 255 x 2^8
+      const int32_t lower = blend(lower_px[0], lower_px[1], x_weight);
+      *px_out++ = static_cast<uint8_t>((blend(upper, lower, y_weight) + 32768) >> 16);
     }
   }
   // From second derivatives along the source's axes to the template's: with K = J_src_tpl^-1, S_xx has K_00^2 T_xx and
@@ -105,74 +100,26 @@ bool search_patch(const GreyView& image, const PatchTemplate& patch, const Eigen
   const int y_last = std::min(image.height - kPatchSize, static_cast<int>(std::floor(top + radius)));
   if (x_first > x_last || y_first > y_last) return false;
 
-  // Sums of I and I^2 over the 8 rows of every column of the window, updated from one row of candidates to the next.
-  constexpr int kMaxColumns = 2 * static_cast<int>(kMaxSearchRadius) + kPatchSize;
-  int32_t column_sum[kMaxColumns] = {};
-  int32_t column_sq[kMaxColumns] = {};
-  const int columns = x_last - x_first + kPatchSize;
-  PPTAM_ASSERT(columns <= kMaxColumns);
-  const auto add_row = [&](int y) {
-    const uint8_t* px = image.row(y) + x_first;
-    for (int i = 0; i < columns; ++i) {
-      column_sum[i] += px[i];
-      column_sq[i] += px[i] * px[i];
-    }
-  };
-  const auto remove_row = [&](int y) {
-    const uint8_t* px = image.row(y) + x_first;
-    for (int i = 0; i < columns; ++i) {
-      column_sum[i] -= px[i];
-      column_sq[i] -= px[i] * px[i];
-    }
-  };
-
-  const int32_t T_energy = variance_x4096(patch.sum, patch.sum_sq);
-  const int32_t initial = std::min(max_zmssd, kMaxSquares) + 1;
+  PackedTemplate packed;
+  kernel::pack_template(patch.px, &packed);
+  const int32_t initial = std::clamp(max_zmssd, -1, kMaxSquares) + 1;
   int32_t best = initial;
-  for (int y = y_first; y < y_first + kPatchSize - 1; ++y) add_row(y);
+  const auto outside = [radius_sq = radius * radius](float dx, float dy) { return dx * dx + dy * dy > radius_sq; };
   for (int y = y_first; y <= y_last; ++y) {
-    add_row(y + kPatchSize - 1);
     const float dy = static_cast<float>(y) - top;
-    int32_t sum = 0, sum_sq = 0;
-    for (int i = 0; i < kPatchSize - 1; ++i) {
-      sum += column_sum[i];
-      sum_sq += column_sq[i];
+    int from = x_first, to = x_last;  // the circle's part of the row
+    while (from <= to && outside(static_cast<float>(from) - left, dy)) ++from;
+    while (from <= to && outside(static_cast<float>(to) - left, dy)) --to;
+    hit->candidates += to - from + 1;
+    const uint8_t* row = image.row(y);
+    for (int x = from; x <= to; ++x) {
+      const int32_t zmssd = kernel::zmssd_x64(row + x, image.stride, packed, best * kPixels);
+      if (zmssd >= best * kPixels) continue;
+      best = zmssd / kPixels;
+      hit->x = x;
+      hit->y = y;
+      hit->zmssd = best;
     }
-    for (int x = x_first; x <= x_last; ++x) {
-      const int i = x - x_first;
-      sum += column_sum[i + kPatchSize - 1];
-      sum_sq += column_sq[i + kPatchSize - 1];
-      const int32_t S_I = sum, S_II = sum_sq;
-      sum -= column_sum[i];
-      sum_sq -= column_sq[i];
-      const float dx = static_cast<float>(x) - left;
-      if (dx * dx + dy * dy > radius * radius) continue;
-      ++hit->candidates;
-
-      // By Cauchy-Schwarz ZMSSD >= (sqrt(E_I) - sqrt(E_T))^2, E the zero-mean energies: when that already reaches the
-      // best, which is so if E_I + E_T - best >= 2 sqrt(E_I E_T), the 64 multiplications are spared. All times 64:
-      // terms are below 2^29, products below 2^58.
-      const int32_t I_energy = variance_x4096(S_I, S_II);
-      const int64_t excess = static_cast<int64_t>(I_energy) + T_energy - kPixels * static_cast<int64_t>(best);
-      if (excess >= 0 && excess * excess >= 4 * static_cast<int64_t>(I_energy) * T_energy) continue;
-
-      int32_t S_IT = 0;
-      const uint8_t* I = image.row(y) + x;
-      const uint8_t* T = patch.px + kPatchFramed + 1;
-      for (int r = 0; r < kPatchSize; ++r, I += image.stride, T += kPatchFramed)
-        S_IT += I[0] * T[0] + I[1] * T[1] + I[2] * T[2] + I[3] * T[3] + I[4] * T[4] + I[5] * T[5] + I[6] * T[6] +
-                I[7] * T[7];
-      // 64 ZMSSD = 64 sum (I - T)^2 - (S_I - S_T)^2, both at most 64^2 x 255^2 = 2.7e8, the difference not negative.
-      const int32_t difference = S_I - patch.sum;
-      const int32_t zmssd = (kPixels * (S_II + patch.sum_sq - 2 * S_IT) - difference * difference) >> 6;
-      if (zmssd < best) {
-        best = zmssd;
-        hit->x = x;
-        hit->y = y;
-        hit->zmssd = zmssd;
-      }
-    }
-    remove_row(y);
   }
   return best < initial;
 }
@@ -181,82 +128,61 @@ bool refine_patch(const GreyView& image, const PatchTemplate& patch, const Eigen
                   RefinedPatch* refined) {
   constexpr float kMaxDrift = 1.5f;            // px: further than a wrong neighbour, it is another structure
   constexpr float kConverged = 0.03f;          // px
+  constexpr float kMaxRatio = 0.6f;            // of successive steps: beyond it they tell nothing of a limit
   constexpr float kMinConditioning = 1e-3f;    // det / trace^2: along an edge 30 times less certain than across
-  constexpr int32_t kUnit = 8;                 // image samples are kept in 1/8 grey level
   constexpr float kOffset = kPatchCentre + 1;  // from the framed patch's top-left pixel to the reference point
   constexpr int kSpan = kPatchFramed + 1;      // pixels needed to interpolate kPatchFramed samples
 
   if (image.width < kSpan || image.height < kSpan) return false;
-  Eigen::Vector2f position = start;
+  RefineTemplate prepared;
+  kernel::prepare_refinement(patch.px, &prepared);
+  RefineSample sample;
+  sample.stride = image.stride;
+  Eigen::Vector2f position = start, last_step = Eigen::Vector2f::Zero();
+  bool plain = false;  // whether there was a last step and it was not extrapolated
   refined->steps = 0;
   while (refined->steps < max_steps) {
-    // Sampled at multiples of 1/256 px; the step is taken from there, so that nothing is lost by it.
+    // Sampled at multiples of 1/32 px; the step is taken from there, so that nothing is lost by it.
     const Eigen::Vector2f corner = position - Eigen::Vector2f::Constant(kOffset);
-    if (!(corner.x() >= 0 && corner.y() >= 0 && corner.x() <= image.width - kPatchFramed &&
-          corner.y() <= image.height - kPatchFramed))
+    if (!(corner.x() >= 0 && corner.y() >= 0 && corner.x() <= static_cast<float>(image.width - kPatchFramed) &&
+          corner.y() <= static_cast<float>(image.height - kPatchFramed)))
       return false;
-    const auto x = static_cast<int32_t>(corner.x() * 256.0f + 0.5f);
-    const auto y = static_cast<int32_t>(corner.y() * 256.0f + 0.5f);
-    const int32_t x0 = std::min(x >> 8, image.width - kSpan);  // at the last column weight 256 takes its place
-    const int32_t y0 = std::min(y >> 8, image.height - kSpan);
-    const int32_t x_weight = x - x0 * 256;
-    const int32_t y_weight = y - y0 * 256;
-    uint16_t across[kSpan][kPatchFramed];  // interpolated along x, at most 255 x 2^8
-    for (int r = 0; r < kSpan; ++r) {
-      const uint8_t* px = image.row(y0 + r) + x0;
-      for (int c = 0; c < kPatchFramed; ++c) across[r][c] = static_cast<uint16_t>(blend(px[c], px[c + 1], x_weight));
-    }
-    int16_t both[kPatchFramed][kPatchFramed];  // I + T in 1/8 grey, at most 2 x 8 x 255
-    for (int r = 0; r < kPatchFramed; ++r) {
-      const uint8_t* T = patch.px + r * kPatchFramed;
-      for (int c = 0; c < kPatchFramed; ++c) {
-        const int32_t I = (blend(across[r][c], across[r + 1][c], y_weight) + (1 << 12)) >> 13;
-        both[r][c] = static_cast<int16_t>(I + kUnit * T[c]);
-      }
-    }
+    const auto x = static_cast<int32_t>(corner.x() * kSubpixels + 0.5f);
+    const auto y = static_cast<int32_t>(corner.y() * kSubpixels + 0.5f);
+    const int32_t x0 = std::min(x / kSubpixels, image.width - kSpan);  // at the last column the weight becomes 1
+    const int32_t y0 = std::min(y / kSubpixels, image.height - kSpan);
+    sample.image = image.row(y0) + x0;
+    sample.x_weight = x - x0 * kSubpixels;
+    sample.y_weight = y - y0 * kSubpixels;
+    constexpr int32_t kBlurUnit = 65536 / (kSubpixels * kSubpixels);  // f (1 - f) as 1 = 2^16
+    sample.x_blur = sample.x_weight * (kSubpixels - sample.x_weight) * kBlurUnit - patch.x_blur;
+    sample.y_blur = sample.y_weight * (kSubpixels - sample.y_weight) * kBlurUnit - patch.y_blur;
+    const RefineSums sums = kernel::refine_sums(sample, prepared);
 
-    // The template is blurred by as much as the sampling blurs the image more than it: T + (x_blur T_xx + y_blur T_yy)
-    // / 2.
-    const int32_t x_blur = x_weight * (256 - x_weight) - patch.x_blur;  // between -2^15 and 2^14, as 1 = 2^16
-    const int32_t y_blur = y_weight * (256 - y_weight) - patch.y_blur;
-
-    // jx, jy = 32 (grad T + grad I) / 2, at most 8 x 255 x 2 = 4080. e = 8 (T - I), at most 8 x 255 of the difference
-    // and 2 x 510 x 2^15 / 2^14 = 2040 of the blur. The sums over 64 pixels stay below 64 x 4080^2 = 1.07e9.
-    int32_t xx = 0, xy = 0, yy = 0, x_sum = 0, y_sum = 0, xe = 0, ye = 0, e_sum = 0, ee = 0;
-    for (int r = 1; r <= kPatchSize; ++r) {
-      const uint8_t* T = patch.px + r * kPatchFramed;
-      for (int c = 1; c <= kPatchSize; ++c) {
-        const int32_t jx = both[r][c + 1] - both[r][c - 1];
-        const int32_t jy = both[r + 1][c] - both[r - 1][c];
-        const int32_t T_xx = T[c - 1] - 2 * T[c] + T[c + 1];
-        const int32_t T_yy = T[c - kPatchFramed] - 2 * T[c] + T[c + kPatchFramed];
-        const int32_t e = 2 * kUnit * T[c] - both[r][c] + ((T_xx * x_blur + T_yy * y_blur + (1 << 13)) >> 14);
-        xx += jx * jx;
-        xy += jx * jy;
-        yy += jy * jy;
-        xe += jx * e;
-        ye += jy * e;
-        ee += e * e;
-        x_sum += jx;
-        y_sum += jy;
-        e_sum += e;
-      }
-    }
     // The mean offset eliminated: 64 sum a b - sum a sum b, exact, then float.
     const auto central = [](int32_t products, int32_t a, int32_t b) {
       return static_cast<float>(int64_t{kPixels} * products - static_cast<int64_t>(a) * b);
     };
-    const float A = central(xx, x_sum, x_sum), B = central(xy, x_sum, y_sum), C = central(yy, y_sum, y_sum);
-    const float p = central(xe, x_sum, e_sum), q = central(ye, y_sum, e_sum);
+    const float A = central(sums.xx, sums.x, sums.x), B = central(sums.xy, sums.x, sums.y);
+    const float C = central(sums.yy, sums.y, sums.y);
+    const float p = central(sums.xe, sums.x, sums.e), q = central(sums.ye, sums.y, sums.e);
     const float determinant = A * C - B * B;
     if (!(determinant > kMinConditioning * (A + C) * (A + C))) return false;
     constexpr float kInformation = 1.0f / (64 * 32 * 32);
     refined->information << A * kInformation, B * kInformation, B * kInformation, C * kInformation;
-    refined->residual = std::sqrt(central(ee, e_sum, e_sum)) / (kPixels * kUnit);
+    refined->residual = std::sqrt(central(sums.ee, sums.e, sums.e)) / (kPixels * kSampleUnit);
     // sum(j j^T) step = sum(j e) with units of 32 x 32 against 32 x 8.
     const float scale = 4.0f / determinant;
-    const Eigen::Vector2f step(scale * (C * p - B * q), scale * (A * q - B * p));
-    constexpr float kSampled = 1.0f / 256.0f;
+    Eigen::Vector2f step(scale * (C * p - B * q), scale * (A * q - B * p));
+    // Central differences see too little of a sharp edge, so that steps go too far and come back by a steady ratio.
+    // After two plain ones their sum to infinity is taken at once (Aitken).
+    if (plain) {
+      const float ratio = step.dot(last_step) / last_step.squaredNorm();
+      step *= 1 / (1 - std::clamp(ratio, -kMaxRatio, kMaxRatio));
+    }
+    last_step = step;
+    plain = !plain;
+    constexpr float kSampled = 1.0f / kSubpixels;
     position = Eigen::Vector2f(static_cast<float>(x) * kSampled + kOffset + step.x(),
                                static_cast<float>(y) * kSampled + kOffset + step.y());
     ++refined->steps;

@@ -9,13 +9,12 @@
 #include <cstdint>
 
 #include "image/image.h"
+#include "image/kernels.h"
 
 namespace pptam {
 
-constexpr int kPatchSize = 8;
-constexpr int kPatchFramed = kPatchSize + 2;
 constexpr float kPatchCentre = 3.5f;
-constexpr float kMaxSearchRadius = 32.0f;  // pixels; larger ones are cut to it: it bounds buffers on the stack
+constexpr float kMaxSearchRadius = 32.0f;  // pixels; larger ones are cut to it: it bounds the time
 
 struct PatchTemplate {
   uint8_t px[kPatchFramed * kPatchFramed] = {};  // row major; the 8x8 starts at (1, 1)
@@ -45,7 +44,7 @@ struct PatchHit {
 
 // Compares every integer position whose reference point lies within radius pixels of predicted (image pixels) and whose
 // 8x8 lies inside the image. True if the best has zmssd <= max_zmssd; hit->candidates is set either way. Ties: the
-// first in row-major order. S_II - S_I^2/64 + S_TT - S_T^2/64 - 2 (S_IT - S_I S_T / 64), S_I and S_II by sliding sums.
+// first in row-major order.
 bool search_patch(const GreyView& image, const PatchTemplate& patch, const Eigen::Vector2f& predicted, float radius,
                   int32_t max_zmssd, PatchHit* hit);
 

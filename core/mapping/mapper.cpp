@@ -36,8 +36,7 @@ Mapper::Mapper(Arena& arena, const Config& config, Map& map, WorkMeter& meter)
       config_(config),
       map_(map),
       bundle_(arena, config, map, meter, *this),
-      corner_scratch_(arena, config.camera.width, config.camera.height),
-      corners_(arena, 200),
+      corner_detector_(arena, config.camera.width, config.camera.height),
       pose_points_(arena, 250),
       occupied_(arena, config.max_map_points + config.max_partial_points) {}
 
@@ -342,19 +341,20 @@ Task Mapper::add_partial_points(int keyframe) {
       occupied_.push_back(px);
   }
   co_await slice();
-  corners_.resize(corners_.capacity());
-  CornerStats stats;
-  const int count = detect_corners(frame.pyramid, CornerParams(), corner_scratch_, corners_, &stats);
+  corner_detector_.start(frame.pyramid, CornerParams());
   meter_.charge(Work::kCornerPixel, static_cast<int64_t>(frame.pyramid.level[2].width) * frame.pyramid.level[2].height);
-  meter_.charge(Work::kCornerAscent, stats.ascent_steps);
   co_await slice();
-  int added = 0;
-  for (int i = 0; i < count && added < config_.max_new_partial_points; ++i) {
-    const Vector2f px(static_cast<float>(corners_[i].x), static_cast<float>(corners_[i].y));
+  int added = 0, steps = 0;
+  Corner corner;
+  while (added < config_.max_new_partial_points && corner_detector_.next(&corner)) {
+    meter_.charge(Work::kCornerAscent, corner_detector_.ascent_steps() - steps);
+    steps = corner_detector_.ascent_steps();
+    const Vector2f px(static_cast<float>(corner.x), static_cast<float>(corner.y));
     bool free = true;
     for (const Vector2f& other : occupied_)
       free = free && (other - px).squaredNorm() > kMinCornerDistance_px * kMinCornerDistance_px;
     meter_.charge(Work::kOther, 6LL * occupied_.size());
+    co_await slice();
     if (!free) continue;
     const int index = map_.add_partial_point();
     if (index < 0) co_return;
@@ -368,7 +368,6 @@ Task Mapper::add_partial_points(int keyframe) {
     partial.information = 0;
     occupied_.push_back(px);
     ++added;
-    co_await slice();
   }
 }
 

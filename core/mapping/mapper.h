@@ -36,8 +36,7 @@ class Mapper : public Background {
   const Config& config_;
   Map& map_;
   BundleAdjuster bundle_;
-  CornerScratch corner_scratch_;
-  FixedVector<Corner> corners_;
+  CornerDetector corner_detector_;
   FixedVector<PosePoint> pose_points_;
   FixedVector<Vector2f> occupied_;  // level-0 pixels of a keyframe that already have a point
   Task task_;

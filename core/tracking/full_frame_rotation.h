@@ -1,11 +1,12 @@
 // The visual gyroscope: rotation between successive frames from the 15x20 level [phone 4].
 //
 // Direct 3-DOF efficient second-order minimisation with gain and offset, Huber weights. Needs no map and does not
-// allocate, so it serves every state. At a narrow field of view what it measures without a map is *apparent* rotation:
-// 0.1 m/s sideways at 1 m looks like 5.7 degrees/s. With a map, give the motion model's translation over the scene's
-// depth; then only the residual rotation is estimated.
+// allocate after start, so it serves every state. At a narrow field of view what it measures without a map is
+// *apparent* rotation: 0.1 m/s sideways at 1 m looks like 5.7 degrees/s. With a map, give the motion model's
+// translation over the scene's depth; then only the residual rotation is estimated.
 #pragma once
 
+#include "base/containers.h"
 #include "geometry/camera_model.h"
 #include "image/pyramid.h"
 
@@ -16,15 +17,32 @@ void make_small_image(const Pyramid& pyramid, const GreyImage& small);
 
 struct RotationEstimate {
   Matrix3f R_cp = Matrix3f::Identity();        // previous camera to current camera
-  Matrix3f covariance = Matrix3f::Identity();  // of omega in R_cp <- exp(omega) R_cp, rad^2
+  Matrix3f covariance = Matrix3f::Identity();  // of omega in R_cp <- R_cp exp(omega), rad^2
   float residual = 0;                          // rms after gain and offset, grey levels
   int iterations = 0;
   bool ok = false;  // enough overlap and texture, converged
 };
 
-// t_over_depth: translation of T_cp divided by the scene's mean depth (zero without a map). Small images as made by
-// make_small_image; camera: of level 0.
-RotationEstimate estimate_rotation(const GreyView& previous, const GreyView& current, const CameraModel& camera,
-                                   const Matrix3f& R_start, const Vector3f& t_over_depth);
+class FullFrameRotation {
+ public:
+  FullFrameRotation(Arena& arena, const CameraModel& camera);  // camera: of level 0, prepared
+
+  // t_over_depth: translation of T_cp divided by the scene's mean depth (zero without a map). Small images as made by
+  // make_small_image, of the camera's size.
+  RotationEstimate estimate(const GreyView& previous, const GreyView& current, const Matrix3f& R_start,
+                            const Vector3f& t_over_depth);
+
+ private:
+  struct Pixel {       // of the small image
+    Vector2f ray;      // (x/z, y/z)
+    Matrix23f J_px_w;  // small-image pixels per radian of omega, p <- exp(omega) p
+  };
+  void warp(const GreyView& current, const Matrix3f& R_cp, const Vector3f& t_over_depth);
+
+  CameraModel camera_;
+  int width_, height_;
+  FixedVector<Pixel> pixels_;
+  FixedVector<int16_t> warped_;  // the current image as the previous camera would see it, 1/16 grey; kOutside elsewhere
+};
 
 }  // namespace pptam

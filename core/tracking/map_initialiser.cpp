@@ -71,7 +71,7 @@ Matrix3f log_near_identity(const Matrix3f& M) {
 MapInitialiser::MapInitialiser(Arena& arena, const Config& config, WorkMeter& meter)
     : config_(config),
       meter_(meter),
-      corner_scratch_(arena, config.camera.width, config.camera.height),
+      corner_detector_(arena, config.camera.width, config.camera.height),
       corners_(arena, config.max_initial_points),
       points_(arena, config.max_initial_points),
       pose_points_(arena, config.max_initial_points),
@@ -127,10 +127,9 @@ Hint MapInitialiser::start(const Pyramid& pyramid, const GreyView& small, int64_
   reset();
   if (rotation_speed > kMaxStartSpeed) return Hint::kTooFast;
   corners_.resize(corners_.capacity());
-  CornerStats stats;
-  const int count = detect_corners(pyramid, CornerParams(), corner_scratch_, corners_, &stats);
+  const int count = corner_detector_.detect(pyramid, CornerParams(), corners_);
   meter_.charge(Work::kCornerPixel, static_cast<int64_t>(pyramid.level[2].width) * pyramid.level[2].height);
-  meter_.charge(Work::kCornerAscent, stats.ascent_steps);
+  meter_.charge(Work::kCornerAscent, corner_detector_.ascent_steps());
   if (count < kMinCorners) return Hint::kTooLittleTexture;
   for (int i = 0; i < count; ++i) {
     Point point;

@@ -105,7 +105,7 @@ class MapInitialiser {
   int view_count_ = 0;
   int view_stride_ = 1;  // frames from one recorded view to the next; doubles whenever the places run out
   int frames_since_view_ = 0;
-  CornerScratch corner_scratch_;
+  CornerDetector corner_detector_;
   FixedVector<Corner> corners_;
   FixedVector<Point> points_;
   FixedVector<PosePoint> pose_points_;

@@ -1,7 +1,5 @@
 #include "tracking/relocaliser.h"
 
-#include "tracking/full_frame_rotation.h"
-
 namespace pptam {
 
 namespace {
@@ -21,8 +19,8 @@ int64_t zmssd(const GreyView& a, const GreyView& b) {
 
 }  // namespace
 
-RelocalisationCandidate propose_pose(const Map& map, const CameraModel& camera, const GreyView& small, int rank,
-                                     WorkMeter& meter) {
+RelocalisationCandidate propose_pose(const Map& map, FullFrameRotation& full_frame_rotation, const GreyView& small,
+                                     int rank, WorkMeter& meter) {
   RelocalisationCandidate candidate;
   // Keyframes in the order of (score, index): walk to the rank-th.
   int64_t last_score = -1;
@@ -38,14 +36,14 @@ RelocalisationCandidate propose_pose(const Map& map, const CameraModel& camera, 
         best_score = score;
       }
     }
-    meter.charge(Work::kRotationPixel, static_cast<int64_t>(map.keyframes.size()) * small.width * small.height / 8);
+    meter.charge(Work::kRotationPixel, static_cast<int64_t>(map.keyframes.size()) * small.width * small.height / 20);
     if (best < 0) return candidate;
     last_score = best_score;
     last_index = best;
   }
   const Keyframe& keyframe = map.keyframes[last_index];
   const RotationEstimate rotation =
-      estimate_rotation(keyframe.small, small, camera, Matrix3f::Identity(), Vector3f::Zero());
+      full_frame_rotation.estimate(keyframe.small, small, Matrix3f::Identity(), Vector3f::Zero());
   meter.charge(Work::kRotationPixel, static_cast<int64_t>(rotation.iterations) * small.width * small.height);
   if (!rotation.ok) return candidate;
   candidate.keyframe = last_index;

@@ -5,6 +5,7 @@
 
 #include "base/work_meter.h"
 #include "map/map.h"
+#include "tracking/full_frame_rotation.h"
 
 namespace pptam {
 
@@ -15,7 +16,7 @@ struct RelocalisationCandidate {
 
 // The rank-th best keyframe (0 = best) by zero-mean sum of squared differences; keyframe = -1 when there are not that
 // many or the rotation does not align.
-RelocalisationCandidate propose_pose(const Map& map, const CameraModel& camera, const GreyView& small, int rank,
-                                     WorkMeter& meter);
+RelocalisationCandidate propose_pose(const Map& map, FullFrameRotation& full_frame_rotation, const GreyView& small,
+                                     int rank, WorkMeter& meter);
 
 }  // namespace pptam

@@ -7,7 +7,6 @@
 #include "geometry/robust.h"
 #include "image/grey.h"
 #include "map/patch_search.h"
-#include "tracking/full_frame_rotation.h"
 #include "tracking/relocaliser.h"
 
 namespace pptam {
@@ -64,6 +63,7 @@ Tracker::Tracker(Arena& arena, const Config& config, Map& map, WorkMeter& meter)
       map_(map),
       meter_(meter),
       pyramid_storage_(arena, config.camera.width, config.camera.height, 1),
+      full_frame_rotation_(arena, config.camera),
       initialiser_(arena, config, meter),
       candidates_(arena, config.max_map_points),
       selected_(arena, config.max_measured_points),
@@ -167,7 +167,7 @@ void Tracker::predict(float dt_s) {
   rotation_ok_ = false;
   if (have_previous_) {
     // The map's translation first, so that only the rotation is left to see (algorithms: the narrow view's pitfall).
-    const RotationEstimate rotation = estimate_rotation(small_previous_, small_, config_.camera, motion.R,
+    const RotationEstimate rotation = full_frame_rotation_.estimate(small_previous_, small_, motion.R,
                                                         with_map ? Vector3f(motion.t / mean_depth_) : Vector3f::Zero());
     meter_.charge(Work::kRotationPixel, static_cast<int64_t>(rotation.iterations) * small_.width * small_.height);
     rotation_ok_ = rotation.ok;
@@ -453,7 +453,7 @@ void Tracker::accept(const PoseUpdate& pose, float dt_s) {
 void Tracker::relocalise(TrackResult* result) {
   constexpr int kCandidates = 3;
   velocity_.setZero();
-  const RelocalisationCandidate candidate = propose_pose(map_, config_.camera, small_, relocalise_rank_, meter_);
+  const RelocalisationCandidate candidate = propose_pose(map_, full_frame_rotation_, small_, relocalise_rank_, meter_);
   relocalise_rank_ = (relocalise_rank_ + 1) % kCandidates;
   mark_stage(Stage::kInitialise, result);
   if (candidate.keyframe < 0) return;

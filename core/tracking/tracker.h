@@ -8,6 +8,7 @@
 #include "geometry/pose_update.h"
 #include "map/map.h"
 #include "pocket_ptam.h"
+#include "tracking/full_frame_rotation.h"
 #include "tracking/map_initialiser.h"
 
 namespace pptam {
@@ -65,6 +66,7 @@ class Tracker {
   bool have_previous_ = false;
   int64_t timestamp_ns_ = 0;
 
+  FullFrameRotation full_frame_rotation_;
   MapInitialiser initialiser_;
   TrackingState state_ = TrackingState::kWaiting;
   Hint hint_ = Hint::kTap;

@@ -11,6 +11,7 @@
 #include "platform/app/report.h"
 #include "platform/app/run.h"
 #include "platform/app/suite.h"
+#include "platform/camera/dump_sequence.h"
 #include "platform/camera/recorded_camera.h"
 #include "sim_phone/phone_camera.h"
 
@@ -326,7 +327,7 @@ int run_program(int argc, char** argv) {
       static Progress* progress = nullptr;
       Progress shown;
       progress = &shown;
-      sim::dump_sequence(*camera, dump, [](int done, int total) { progress->show(done, total, "written"); });
+      platform::dump_sequence(*camera, dump, [](int done, int total) { progress->show(done, total, "written"); });
       shown.finish();
       std::printf("written to %s\n", dump.c_str());
       return kExitOk;

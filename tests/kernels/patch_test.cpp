@@ -301,7 +301,7 @@ struct RefineStatistics {
 };
 
 struct RefineCase {
-  int trials = 600;
+  int trials = test::trials(600);
   double contrast =
       50;  // standard deviation of the texture: gradients of about 20 per px, as at a desk's usual corners
   double noise = 2;
@@ -396,7 +396,7 @@ TEST(PatchRefine, IsNearTheBoundAtEveryContrast) {
       if (contrast == 50) {
         EXPECT_LE(s.rms, 0.03);
       }
-      EXPECT_LE(s.failures, 6);  // wrong hits among 600; at most 2 were seen, at the lowest contrast
+      EXPECT_LE(s.failures, 6);  // wrong hits among 600; at most 3 were seen, at the lowest contrast
       EXPECT_LE(s.steps, 3.5);
       // Central differences of frequencies w see sin(w) / w of the gradient: at 0.2 to 0.9 rad/px 0.99 to 0.87, squared
       // and weighted by the gradient 0.8 to 0.9; noise adds 2 x sigma^2 / 8 of 1/2 w^2 contrast^2: 4 % at contrast 10.
@@ -530,7 +530,7 @@ TEST(PatchGolden, HashOfWarpSearchAndRefinement) {
     return fnv.value();
   };
   OwnedImage image = golden_image(97, 83);
-  constexpr uint64_t kExpected = 0x7d2262961e1d1a1cu;
+  constexpr uint64_t kExpected = 0x95e183d4c94e448u;
   EXPECT_EQ(hash(image.view()), kExpected);
   image.image().at(50, 40) ^= 1;  // control
   EXPECT_NE(hash(image.view()), kExpected);

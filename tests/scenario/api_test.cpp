@@ -8,7 +8,7 @@
 #include <limits>
 #include <vector>
 
-#include "tests/scenario/recording.h"
+#include "tests/support/recording.h"
 #include "tests/support/random.h"
 
 namespace pptam {

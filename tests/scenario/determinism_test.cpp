@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "platform/app/run.h"
-#include "tests/scenario/recording.h"
+#include "tests/support/recording.h"
 
 namespace pptam {
 namespace {

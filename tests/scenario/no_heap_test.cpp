@@ -5,7 +5,7 @@
 #include <cstdlib>
 #include <new>
 
-#include "tests/scenario/recording.h"
+#include "tests/support/recording.h"
 
 namespace {
 long allocations = 0;

@@ -12,6 +12,7 @@
 #include <set>
 #include <sstream>
 
+#include "platform/camera/dump_sequence.h"
 #include "platform/camera/image_files.h"
 #include "platform/camera/recorded_camera.h"
 #include "sim_phone/motion.h"
@@ -557,7 +558,7 @@ TEST(SimPhoneCamera, DumpedSequenceReadsBackTheSame) {
   options.drop_probability = 0.2;
   const auto camera = make_phone_camera(options);
   static int last_done = 0;
-  dump_sequence(*camera, folder, [](int done, int total) {
+  platform::dump_sequence(*camera, folder, [](int done, int total) {
     last_done = done;
     EXPECT_LE(done, total);
   });
@@ -599,7 +600,7 @@ TEST(SimPhoneCamera, DumpedSequenceReadsBackTheSame) {
     EXPECT_LT((truth[i].T_wc.matrix() - read_back[i].T_wc.matrix()).cwiseAbs().maxCoeff(), 1e-8);
   }
   // A folder that holds something is refused.
-  EXPECT_THROW(dump_sequence(*original, folder, nullptr), platform::InputError);
+  EXPECT_THROW(platform::dump_sequence(*original, folder, nullptr), platform::InputError);
   std::filesystem::remove_all(folder);
 }
 

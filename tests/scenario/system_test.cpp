@@ -8,7 +8,7 @@
 
 #include "platform/app/evaluation.h"
 #include "platform/app/run.h"
-#include "tests/scenario/recording.h"
+#include "tests/support/recording.h"
 #include "tests/support/random.h"
 
 namespace pptam {

@@ -11,6 +11,16 @@
 
 namespace pptam::test {
 
+// How often to repeat a random trial: a tenth on ARM processors, which are small or emulated. The bits are the same
+// there, so that the statistics are this computer's business.
+constexpr int trials(int usual) {
+#if defined(__arm__) || defined(__aarch64__)
+  return usual / 10;
+#else
+  return usual;
+#endif
+}
+
 class Random {
  public:
   Random()

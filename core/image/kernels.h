@@ -1,0 +1,248 @@
+// The inner loops of pyramid, corner detection, patch search and refinement.
+//
+// Each stands here in plain C++, which is the specification and what compilers turn into NEON or SSE2 code, and once
+// more where a variant by hand pays (kernels_armv6.h, kernels_sse2.h). All variants give the same bits; a test compares
+// them. The callers use kernel::, the fastest that the target has.
+#pragma once
+
+#include <cstdint>
+
+namespace pptam {
+
+constexpr int kPatchSize = 8;                 // pixels
+constexpr int kPatchFramed = kPatchSize + 2;  // with one more pixel on every side
+constexpr int kPatchPitch = 12;               // row length of framed patches in int16_t: whole words
+constexpr int kSubpixels = 32;                // patches are sampled at multiples of 1/32 pixel
+constexpr int kSampleUnit = 8;                // samples are in 1/8 grey level
+
+// The 8x8 pixels of a template, made ready for comparing.
+struct PackedTemplate {
+  alignas(8) int16_t px[kPatchSize * kPatchSize];  // row by row; within a row as the kernel likes it
+  int32_t sum_2_rows = 0;                          // sums of the first 2, 4 and 8 rows
+  int32_t sum_4_rows = 0;
+  int32_t sum = 0;
+};
+
+// The framed template's part in every iteration of the refinement.
+struct RefineTemplate {
+  alignas(8) int16_t value[kPatchFramed * kPatchPitch];       // 1/8 grey level
+  alignas(8) int16_t curvature[kPatchSize * kPatchSize * 2];  // T_xx, T_yy of each pixel of the 8x8, in 1/8 grey level
+};
+
+// Where and how the image is sampled for a refinement step.
+struct RefineSample {
+  const uint8_t* image;  // top-left of 11x11 pixels
+  int stride;
+  int32_t x_weight, y_weight;  // fraction of a pixel, 0..kSubpixels
+  int32_t x_blur, y_blur;      // image's less template's blur, -2^15..2^14 as 1 = 2^16
+};
+
+// Sums over the 64 pixels of j = 32 (grad T + grad I) / 2, of e = 8 (T - I) and of their products. |j| <= 8 x 255 x 2 =
+// 4080; |e| <= 8 x 255 of the difference and 2 x 8 x 510 x 2^15 / 2^17 = 2040 of the blur: the sums stay below
+// 64 x 4080^2 = 1.07e9.
+struct RefineSums {
+  int32_t xx = 0, xy = 0, yy = 0, xe = 0, ye = 0, ee = 0, x = 0, y = 0, e = 0;
+};
+
+// Sums of products of gradients I(x+1) - I(x-1), at most 255: over 7x7 pixels below 49 x 255^2 = 3.2e6.
+struct StructureTensor {
+  int32_t xx, xy, yy;
+  void operator+=(const StructureTensor& other) {
+    xx += other.xx;
+    xy += other.xy;
+    yy += other.yy;
+  }
+  friend StructureTensor operator+(StructureTensor a, const StructureTensor& b) {
+    a += b;
+    return a;
+  }
+};
+
+constexpr uint32_t kRedWeight = 77, kGreenWeight = 150, kBlueWeight = 29;  // of 256
+
+namespace plain {
+
+// Four bytes a pixel to grey: (77 R + 150 G + 29 B + 128) >> 8. At most 256 x 255 + 128, within 16 bits.
+inline void bgra_row(const uint8_t* src, uint8_t* out, int count) {
+  for (int x = 0; x < count; ++x) {
+    const auto blue = static_cast<uint16_t>(src[4 * x] * kBlueWeight);
+    const auto green = static_cast<uint16_t>(src[4 * x + 1] * kGreenWeight);
+    const auto red = static_cast<uint16_t>(src[4 * x + 2] * kRedWeight);
+    out[x] = static_cast<uint8_t>(static_cast<uint16_t>(blue + green + red + 128) >> 8);
+  }
+}
+
+// out(x) = (a + b + c + d + 2) >> 2 over the 2x2 pixels at 2x of two rows: their mean, halves rounded up.
+inline void half_row(const uint8_t* upper, const uint8_t* lower, uint8_t* out, int count) {
+  for (int x = 0; x < count; ++x)
+    out[x] = static_cast<uint8_t>((upper[2 * x] + upper[2 * x + 1] + lower[2 * x] + lower[2 * x + 1] + 2) >> 2);
+}
+
+// Over nine windows of (2 kRadius + 1)^2 pixels, whose centres are px and its eight neighbours, row-major. Reads
+// kRadius + 2 pixels to every side, and may read one more to the right.
+template <int kRadius>
+inline void window_sums(const uint8_t* px, int stride, StructureTensor sums[9]) {
+  constexpr int kSpan = 2 * kRadius + 3, kLast = kSpan - 1;
+  int32_t xx[kSpan][kSpan], xy[kSpan][kSpan], yy[kSpan][kSpan];
+  for (int r = 0; r < kSpan; ++r) {
+    const uint8_t* row = px + (r - kRadius - 1) * stride - kRadius - 1;
+    for (int c = 0; c < kSpan; ++c) {
+      const int32_t gx = row[c + 1] - row[c - 1], gy = row[c + stride] - row[c - stride];
+      xx[r][c] = gx * gx;
+      xy[r][c] = gx * gy;
+      yy[r][c] = gy * gy;
+    }
+  }
+  // Down the columns for the three windows one row apart, then along the rows.
+  const auto add_up = [sums](const int32_t products[kSpan][kSpan], int32_t StructureTensor::*component) {
+    int32_t columns[3][kSpan];
+    for (int c = 0; c < kSpan; ++c) {
+      int32_t shared = 0;
+      for (int r = 2; r <= kLast - 2; ++r) shared += products[r][c];
+      columns[0][c] = shared + products[0][c] + products[1][c];
+      columns[1][c] = shared + products[1][c] + products[kLast - 1][c];
+      columns[2][c] = shared + products[kLast - 1][c] + products[kLast][c];
+    }
+    for (int r = 0; r < 3; ++r) {
+      int32_t shared = 0;
+      for (int c = 2; c <= kLast - 2; ++c) shared += columns[r][c];
+      sums[3 * r].*component = shared + columns[r][0] + columns[r][1];
+      sums[3 * r + 1].*component = shared + columns[r][1] + columns[r][kLast - 1];
+      sums[3 * r + 2].*component = shared + columns[r][kLast - 1] + columns[r][kLast];
+    }
+  };
+  add_up(xx, &StructureTensor::xx);
+  add_up(xy, &StructureTensor::xy);
+  add_up(yy, &StructureTensor::yy);
+}
+
+// framed: 10x10 pixels, row major.
+inline void pack_template(const uint8_t* framed, PackedTemplate* packed) {
+  int32_t sum = 0;
+  for (int r = 0; r < kPatchSize; ++r) {
+    for (int c = 0; c < kPatchSize; ++c) {
+      const uint8_t value = framed[(r + 1) * kPatchFramed + c + 1];
+      packed->px[r * kPatchSize + c] = value;
+      sum += value;
+    }
+    if (r == 1) packed->sum_2_rows = sum;
+    if (r == 3) packed->sum_4_rows = sum;
+  }
+  packed->sum = sum;
+}
+
+// With d = I - T over the 8x8 pixels at image: 64 sum d^2 - (sum d)^2, which is 64 times the zero-mean sum of squared
+// differences, at most 64^2 x 255^2 = 2.7e8. If that is not less than limit, any number not less than limit: the first
+// rows alone, about their own mean, differ by no more than all of them, so most places are given up after two or four.
+inline int32_t zmssd_x64(const uint8_t* image, int stride, const PackedTemplate& patch, int32_t limit) {
+  int32_t squares = 0, sum = 0;
+  const auto add_two_rows = [&](int r) {
+    const uint8_t* I = image + r * stride;
+    const int16_t* T = patch.px + r * kPatchSize;
+    int16_t d[2 * kPatchSize];
+    for (int c = 0; c < kPatchSize; ++c) d[c] = static_cast<int16_t>(I[c] - T[c]);
+    for (int c = 0; c < kPatchSize; ++c) d[c + kPatchSize] = static_cast<int16_t>(I[c + stride] - T[c + kPatchSize]);
+    for (int c = 0; c < 2 * kPatchSize; ++c) squares += d[c] * d[c];
+    for (int c = 0; c < 2 * kPatchSize; ++c) sum += d[c];
+  };
+  add_two_rows(0);
+  const int32_t after_2 = 4 * (16 * squares - sum * sum);
+  if (after_2 >= limit) return after_2;
+  add_two_rows(2);
+  const int32_t after_4 = 2 * (32 * squares - sum * sum);
+  if (after_4 >= limit) return after_4;
+  add_two_rows(4);
+  add_two_rows(6);
+  return 64 * squares - sum * sum;
+}
+
+inline void prepare_refinement(const uint8_t* framed, RefineTemplate* prepared) {
+  for (int r = 0; r < kPatchFramed; ++r)
+    for (int c = 0; c < kPatchFramed; ++c)
+      prepared->value[r * kPatchPitch + c] = static_cast<int16_t>(kSampleUnit * framed[r * kPatchFramed + c]);
+  for (int r = 0; r < kPatchSize; ++r) {
+    const int16_t* T = prepared->value + (r + 1) * kPatchPitch + 1;
+    int16_t* curvature = prepared->curvature + 2 * r * kPatchSize;
+    for (int c = 0; c < kPatchSize; ++c) {
+      curvature[2 * c] = static_cast<int16_t>(T[c - 1] - 2 * T[c] + T[c + 1]);
+      curvature[2 * c + 1] = static_cast<int16_t>(T[c - kPatchPitch] - 2 * T[c] + T[c + kPatchPitch]);
+    }
+  }
+}
+
+// One step of ESM [ptam 5.3, phone 4]: samples the framed patch from the image and sums. Bilinear, rounded down to 1/8
+// grey along each axis: what that takes from the mean is eliminated with it. The template is blurred by as much as the
+// sampling blurs the image more than it: T + (x_blur T_xx + y_blur T_yy) / 2.
+inline RefineSums refine_sums(const RefineSample& s, const RefineTemplate& T) {
+  int16_t across[(kPatchFramed + 1) * kPatchPitch];  // interpolated along x, at most 32 x 255 / 4 = 2040
+  for (int r = 0; r <= kPatchFramed; ++r) {
+    const uint8_t* px = s.image + r * s.stride;
+    for (int c = 0; c < kPatchFramed; ++c)
+      across[r * kPatchPitch + c] =
+          static_cast<int16_t>((px[c] * (kSubpixels - s.x_weight) + px[c + 1] * s.x_weight) >> 2);
+  }
+  int16_t both[kPatchFramed * kPatchPitch];  // I + T
+  for (int r = 0; r < kPatchFramed; ++r) {
+    const int16_t* upper = across + r * kPatchPitch;
+    const int16_t* lower = upper + kPatchPitch;
+    for (int c = 0; c < kPatchFramed; ++c) {
+      const int32_t I = (upper[c] * (kSubpixels - s.y_weight) + lower[c] * s.y_weight) >> 5;
+      both[r * kPatchPitch + c] = static_cast<int16_t>(I + T.value[r * kPatchPitch + c]);
+    }
+  }
+  int16_t jx[kPatchSize * kPatchSize], jy[kPatchSize * kPatchSize], e[kPatchSize * kPatchSize];
+  for (int r = 0; r < kPatchSize; ++r) {
+    const int16_t* b = both + (r + 1) * kPatchPitch + 1;
+    const int16_t* t = T.value + (r + 1) * kPatchPitch + 1;
+    const int16_t* k = T.curvature + 2 * r * kPatchSize;
+    for (int c = 0; c < kPatchSize; ++c) {
+      const int i = r * kPatchSize + c;
+      jx[i] = static_cast<int16_t>(b[c + 1] - b[c - 1]);
+      jy[i] = static_cast<int16_t>(b[c + kPatchPitch] - b[c - kPatchPitch]);
+      const int32_t blur = (k[2 * c] * s.x_blur + k[2 * c + 1] * s.y_blur + (1 << 16)) >> 17;
+      e[i] = static_cast<int16_t>(2 * t[c] - b[c] + blur);
+    }
+  }
+  RefineSums sums;
+  for (int i = 0; i < kPatchSize * kPatchSize; ++i) {
+    sums.xx += jx[i] * jx[i];
+    sums.xy += jx[i] * jy[i];
+    sums.yy += jy[i] * jy[i];
+    sums.xe += jx[i] * e[i];
+    sums.ye += jy[i] * e[i];
+    sums.ee += e[i] * e[i];
+    sums.x += jx[i];
+    sums.y += jy[i];
+    sums.e += e[i];
+  }
+  return sums;
+}
+
+}  // namespace plain
+}  // namespace pptam
+
+#if defined(__ARM_FEATURE_SIMD32)
+#include "image/kernels_armv6.h"
+#elif defined(__SSE2__)
+#include "image/kernels_sse2.h"
+#endif
+
+namespace pptam {
+#if defined(__ARM_FEATURE_SIMD32) && defined(__ARM_NEON)
+namespace kernel {  // 32-bit NEON: compilers do well with the plain loops, but for the small windows
+using armv6::window_sums;
+using plain::bgra_row;
+using plain::half_row;
+using plain::pack_template;
+using plain::prepare_refinement;
+using plain::refine_sums;
+using plain::zmssd_x64;
+}  // namespace kernel
+#elif defined(__ARM_FEATURE_SIMD32)
+namespace kernel = armv6;
+#elif defined(__SSE2__)
+namespace kernel = sse2;
+#else
+namespace kernel = plain;
+#endif
+}  // namespace pptam

@@ -1,0 +1,311 @@
+// What a frame costs in instructions executed on the phone's ARM1176, stage by stage, and that it gives the same bits
+// everywhere.
+//
+// An emulated phone looks at a desk, a map is started, and frames are tracked as in use. Whole frames are counted
+// through the library's clock interface, kernels alone on one of the frames. The counts come from the emulator and are
+// the same in every run of one executable. armv6_counts.txt keeps them, so that a change must be deliberate:
+// PPTAM_UPDATE_COUNTS=1 writes it anew. Natively, and on other ARMs, only the bits are checked.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <fstream>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "image/corners.h"
+#include "image/grey.h"
+#include "map/patch_search.h"
+#include "mapping/mapper.h"
+#include "tests/budget/instruction_counter.h"
+#include "tests/kernels/test_images.h"
+#include "tests/support/recording.h"
+#include "tracking/tracker.h"
+
+namespace pptam {
+namespace {
+
+using test::Counts;
+using test::Recording;
+using test::Region;
+
+const Recording& recording() {
+  static const Recording made = [] {
+    sim::PhoneOptions options;
+    options.duration_s = 5;
+    return test::record(options);
+  }();
+  return made;
+}
+
+// "Time" in executed instructions.
+class CountedClock final : public Clock {
+ public:
+  int64_t now_ns() const override { return region_.spent().instructions; }
+  void idle_until(int64_t) override {}
+
+ private:
+  Region region_;
+};
+
+// What System is made of, so that the map can be seen.
+struct Parts {
+  explicit Parts(const Config& configuration)
+      : config(configuration), meter(config.profile), memory(System::required_bytes(config)) {
+    config.camera.prepare();
+    Arena arena(std::as_writable_bytes(std::span(memory)));
+    map = Map(arena, config);
+    tracker = std::make_unique<Tracker>(arena, config, map, meter);
+    mapper = std::make_unique<Mapper>(arena, config, map, meter);
+    EXPECT_FALSE(arena.overflowed());
+    tracker->tap();
+  }
+  // As much idle time as the phone has between two frames, in slices.
+  void map_a_while() {
+    constexpr int kSlices = 40;
+    for (int i = 0; i < kSlices && mapper->has_work(); ++i) mapper->work_slice();
+  }
+  Config config;
+  WorkMeter meter;
+  std::vector<std::max_align_t> memory;
+  Map map;
+  std::unique_ptr<Tracker> tracker;
+  std::unique_ptr<Mapper> mapper;
+};
+
+// ---------------------------------------------------------------------------------------------------------------- bits
+
+struct Hashes {
+  uint64_t frames = 0;   // what the camera saw
+  uint64_t results = 0;  // what came out: every result, and the map after every frame
+  int poses = 0;
+};
+
+Hashes run_and_hash(int changed_frame) {
+  Parts parts(test::config_for(recording()));
+  test::Fnv frames;
+  test::Trace trace;
+  Hashes hashes;
+  std::vector<uint8_t> pixels;
+  for (int i = 0; i < recording().size(); ++i) {
+    Frame frame = recording().frame(i);
+    pixels.assign(frame.data, frame.data + frame.stride_bytes * frame.height);
+    if (i == changed_frame) pixels[pixels.size() / 2] ^= 0x80;
+    frame.data = pixels.data();
+    frames.add(pixels.data(), pixels.size());
+    const TrackResult result = parts.tracker->track(frame, nullptr);
+    hashes.poses += result.pose_valid;
+    trace.add(result);
+    parts.map_a_while();
+    trace.add_value(static_cast<int64_t>(parts.map.hash()));
+  }
+  test::Fnv results;
+  results.add(trace.bytes.data(), trace.bytes.size());
+  hashes.frames = frames.value();
+  hashes.results = results.value();
+  return hashes;
+}
+
+TEST(Bits, AreTheSameOnEveryTarget) {
+  const Hashes hashes = run_and_hash(-1);
+  EXPECT_GT(hashes.poses, 25) << "the run must have a map, or nothing is compared";
+  ASSERT_EQ(hashes.frames, 0x2df4643782c80105u)
+      << "the emulated phone's images differ: nothing can be said of the library";
+  EXPECT_EQ(hashes.results, 0x35c226f1719c9645u);
+#ifndef __arm__  // minutes in emulation
+  EXPECT_NE(run_and_hash(10).results, hashes.results) << "control: one pixel of one early frame";
+#endif
+}
+
+// -------------------------------------------------------------------------------------------------------------- counts
+
+class Table {
+ public:
+  // budget: most instructions allowed.
+  void add(const std::string& name, const Counts& counts, double budget) { rows_.push_back({name, counts, budget}); }
+
+  void print() const {
+    std::printf("\n%-44s %12s %12s %12s %9s\n", "240x320 on an ARM1176", "instructions", "cycles, est.", "budget",
+                "head-room");
+    for (const Row& row : rows_) {
+      std::printf("%-44s %12lld %12.0f %12.0f %8.0f%%\n", row.name.c_str(),
+                  static_cast<long long>(row.counts.instructions), row.counts.cycles, row.budget,
+                  100 * (row.budget / static_cast<double>(row.counts.instructions) - 1));
+    }
+    std::printf("\n");
+  }
+
+  void check(const std::string& file) const {
+    for (const Row& row : rows_)
+      EXPECT_LE(static_cast<double>(row.counts.instructions), row.budget) << row.name << " is over its budget";
+    if (std::getenv("PPTAM_UPDATE_COUNTS") != nullptr) {
+      std::ofstream out(file);
+      for (const Row& row : rows_) out << row.counts.instructions << " " << row.name << "\n";
+      ASSERT_TRUE(out.good()) << file << " cannot be written";
+      return;
+    }
+    std::map<std::string, long long> golden;
+    std::ifstream in(file);
+    ASSERT_TRUE(in.good()) << file << " cannot be read";
+    long long count = 0;
+    std::string name;
+    while (in >> count && std::getline(in >> std::ws, name)) golden[name] = count;
+    for (const Row& row : rows_) {
+      ASSERT_TRUE(golden.contains(row.name)) << "no count of '" << row.name << "' is kept; PPTAM_UPDATE_COUNTS=1";
+      // One compiler gives one count; 1 % is for another version of it or of the C library.
+      const auto kept = static_cast<double>(golden[row.name]);
+      EXPECT_NEAR(static_cast<double>(row.counts.instructions), kept, 0.01 * kept)
+          << row.name << " has changed; if that is meant, run with PPTAM_UPDATE_COUNTS=1 and say so in the commit";
+    }
+    EXPECT_EQ(golden.size(), rows_.size()) << file << " has rows that are no longer counted";
+  }
+
+ private:
+  struct Row {
+    std::string name;
+    Counts counts;
+    double budget;
+  };
+  std::vector<Row> rows_;
+};
+
+template <class Work>
+Counts count(Work work) {
+  const Region region;
+  work();
+  return region.spent();
+}
+
+Counts median(std::vector<Counts> counts) {
+  const auto middle = counts.begin() + static_cast<ptrdiff_t>(counts.size() / 2);
+  std::nth_element(counts.begin(), middle, counts.end(),
+                   [](const Counts& a, const Counts& b) { return a.instructions < b.instructions; });
+  return *middle;
+}
+Counts worst(const std::vector<Counts>& counts) {
+  return *std::max_element(counts.begin(), counts.end(),
+                           [](const Counts& a, const Counts& b) { return a.instructions < b.instructions; });
+}
+
+// Every map point that the last frame's search tried, once more, with its own source, warp and prediction.
+void search_again(const Parts& parts, const Pyramid& pyramid, const TrackResult& result, int* searched, int* found) {
+  WorkMeter meter;
+  for (const ObservedPoint& observed : result.points) {
+    for (const MapPoint& point : parts.map.points) {
+      if (point.id != observed.point_id) continue;
+      FoundPatch patch;
+      *found += find_point(parts.map, parts.config.camera, point.source, point.p_w, result.T_cw, pyramid,
+                           observed.predicted_px, SearchOptions(), meter, &patch) == SearchOutcome::kFound;
+      ++*searched;
+      break;
+    }
+  }
+}
+
+TEST(Budget, OfAFrame) {
+  if (!test::counter_available() || sizeof(void*) != 4) {
+    GTEST_LOG_(INFO) << "nothing counts instructions here: tests/run.sh runs this on an emulated ARM1176";
+    return;
+  }
+  Parts parts(test::config_for(recording()));
+  const CountedClock clock;
+  std::vector<Counts> initialising, tracked;
+  std::vector<Counts> stages[kStages];
+  TrackResult result;
+  for (int i = 0; i < recording().size(); ++i) {
+    const Region region;
+    result = parts.tracker->track(recording().frame(i), &clock);
+    const Counts spent = region.spent();
+    if (result.pose_valid) {
+      tracked.push_back(spent);
+      for (int s = 0; s < kStages; ++s) stages[s].push_back({result.stage_ns[s], 0});
+    } else if (result.state == TrackingState::kInitialising) {
+      initialising.push_back(spent);
+    }
+    parts.map_a_while();
+  }
+  ASSERT_GT(tracked.size(), 20u);
+
+  constexpr int kWidth = 240, kHeight = 320;
+  std::vector<std::max_align_t> memory(1 << 15);
+  Arena arena(std::as_writable_bytes(std::span(memory)));
+  const PyramidStorage storage(arena, kWidth, kHeight, 1), converted(arena, kWidth, kHeight, 1);
+  CornerDetector detector(arena, kWidth, kHeight);
+  ASSERT_FALSE(arena.overflowed());
+  const Frame last = recording().frame(recording().size() - 1);
+  const Pyramid pyramid = build_pyramid({last.data, kWidth, kHeight, kWidth}, storage);
+  std::vector<uint8_t> grey(kWidth * kHeight), colours(grey.size() * 4);
+  for (size_t i = 0; i < colours.size(); ++i) colours[i] = last.data[i / 4];
+  const auto grey_and_pyramid = [&](PixelFormat format, int bytes_per_pixel) {
+    return count([&] {
+      const Frame frame = {colours.data(), kWidth, kHeight, kWidth * bytes_per_pixel, format, 0};
+      build_pyramid(to_grey(frame, {grey.data(), kWidth, kHeight, kWidth}), converted);
+    });
+  };
+
+  Table table;
+  table.add("grey or planar YUV: pyramid", grey_and_pyramid(PixelFormat::kNv12, 1), 0.55e6);
+  table.add("BGRA: grey and pyramid", grey_and_pyramid(PixelFormat::kBgra, 4), 1.0e6);
+  table.add("YUYV: grey and pyramid", grey_and_pyramid(PixelFormat::kYuyv, 2), 0.65e6);
+  table.add("RGB: grey and pyramid", grey_and_pyramid(PixelFormat::kRgb24, 3), 1.4e6);
+
+  int searched = 0, found = 0;
+  const Counts points = count([&] { search_again(parts, pyramid, result, &searched, &found); });
+  EXPECT_EQ(searched, 50);
+  EXPECT_GE(found, 40);
+  table.add("50 points warped, searched, refined", points, 1.6e6);
+
+  std::vector<Corner> corners(100);
+  size_t corner_count = 0;
+  const Counts first_view =
+      count([&] { corner_count = static_cast<size_t>(detector.detect(pyramid, CornerParams(), corners)); });
+  EXPECT_EQ(corner_count, corners.size());
+  table.add("100 corners of a first view", first_view, 1.3e6);
+  const Counts keyframe = count([&] {
+    corner_count = static_cast<size_t>(detector.detect(pyramid, CornerParams(), std::span(corners).first(25)));
+  });
+  EXPECT_EQ(corner_count, 25u);
+  table.add("25 corners of a keyframe", keyframe, 0.65e6);
+
+  const auto stage = [&](Stage s) -> const std::vector<Counts>& { return stages[static_cast<int>(s)]; };
+  table.add("tracked frame: pyramid, small image", median(stage(Stage::kPyramid)), 0.25e6);
+  table.add("tracked frame: full-frame rotation", median(stage(Stage::kRotation)), 0.25e6);
+  table.add("tracked frame: points and pose", median(stage(Stage::kSearch)), 2.0e6);
+  table.add("tracked frame: partial points", median(stage(Stage::kPartial)), 0.7e6);
+  table.add("tracked frame, median", median(tracked), 3.0e6);
+  table.add("tracked frame, worst", worst(tracked), 3.5e6);
+  table.add("initialising frame, median", median(initialising), 5.0e6);
+  table.add("initialising frame, worst", worst(initialising), 11e6);
+  table.print();
+  table.check(PPTAM_COUNTS);
+}
+
+// The counter itself: an empty region costs next to nothing, a loop the same each time and in proportion.
+TEST(Counter, IsProportionalAndRepeatable) {
+  if (!test::counter_available()) GTEST_LOG_(INFO) << "nothing counts here: all counts are zero";
+  const auto loop = [](int n) {
+    return count([n] {
+             [[maybe_unused]] volatile int sink = 0;
+             for (int i = 0; i < n; ++i) sink = i;
+           })
+        .instructions;
+  };
+  constexpr int64_t kSlack = 20;  // calls and returns round the counted code
+  EXPECT_NEAR(count([] {}).instructions, 0, kSlack);
+  const int64_t once = loop(1000), twice = loop(2000);
+  EXPECT_NEAR(loop(1000), once, 2);
+  EXPECT_NEAR(loop(2000), twice, 2);
+  if (test::counter_available()) {
+    EXPECT_GE(once, 3000);  // store, count, branch at least
+    EXPECT_NEAR(loop(3000) - twice, twice - once, 4);
+  } else {
+    EXPECT_EQ(once, 0);
+  }
+}
+
+}  // namespace
+}  // namespace pptam

@@ -1,0 +1,110 @@
+// Runs every kernel's plain version and the target's on one input made of arbitrary bytes, and compares all bits.
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <cstring>
+#include <span>
+#include <vector>
+
+#include "image/kernels.h"
+
+namespace pptam::test {
+
+constexpr const char* kKernelNames[] = {"bgra_row",       "half_row",  "window_sums<2>",
+                                        "window_sums<3>", "zmssd_x64", "refine_sums"};
+constexpr int kCheckBytes = 700;  // fewer are filled up with zeros
+
+inline const char* variant_name() {
+#if defined(__ARM_FEATURE_SIMD32) && defined(__ARM_NEON)
+  return "armv6 and plain";
+#elif defined(__ARM_FEATURE_SIMD32)
+  return "armv6";
+#elif defined(__SSE2__)
+  return "sse2";
+#else
+  return "plain";
+#endif
+}
+
+// The name of the first kernel whose outputs differ, or null. break_one: the kernel whose output is falsified by one
+// bit, to see that the comparison works.
+inline const char* first_different_kernel(std::span<const uint8_t> input, const char* break_one = "") {
+  std::vector<uint8_t> bytes(kCheckBytes, 0);
+  std::copy_n(input.begin(), std::min(input.size(), bytes.size()), bytes.begin());
+  size_t next = 0;
+  const auto number = [&](int low, int high) { return low + bytes[next++] % (high - low + 1); };
+  // Every piece gets memory of its own, exactly as long as the kernel may read, so that a sanitizer sees a byte too
+  // many.
+  const auto pixels = [&](int count) {
+    std::vector<uint8_t> copy(static_cast<size_t>(count));
+    for (size_t i = 0; i < copy.size(); ++i) copy[i] = bytes[(next + i) % bytes.size()];
+    return copy;
+  };
+  const auto differ = [&](const char* name, const void* plain, void* variant, size_t size) {
+    if (std::strcmp(name, break_one) == 0) *static_cast<uint8_t*>(variant) ^= 1;
+    return std::memcmp(plain, variant, size) != 0;
+  };
+
+  {
+    const int count = number(0, 67), offset = number(0, 3);
+    const std::vector<uint8_t> source = pixels(4 * count + offset);
+    std::vector<uint8_t> plain(static_cast<size_t>(count) + 4), variant = plain;
+    plain::bgra_row(source.data() + offset, plain.data(), count);
+    kernel::bgra_row(source.data() + offset, variant.data(), count);
+    if (differ("bgra_row", plain.data(), variant.data(), plain.size())) return "bgra_row";
+  }
+  {
+    const int count = number(0, 67), offset = number(0, 3);
+    const std::vector<uint8_t> upper = pixels(2 * count + offset), lower = pixels(2 * count + 1);
+    std::vector<uint8_t> plain(static_cast<size_t>(count) + 4), variant = plain;
+    plain::half_row(upper.data() + offset, lower.data() + 1, plain.data(), count);
+    kernel::half_row(upper.data() + offset, lower.data() + 1, variant.data(), count);
+    if (differ("half_row", plain.data(), variant.data(), plain.size())) return "half_row";
+  }
+  {
+    constexpr int kReach = 3 + 2;
+    const int stride = number(2 * kReach + 2, 2 * kReach + 9);
+    const std::vector<uint8_t> image = pixels(2 * kReach * stride + 2 * kReach + 2);
+    const uint8_t* centre = image.data() + kReach * stride + kReach;
+    StructureTensor plain[9], variant[9];
+    plain::window_sums<2>(centre, stride, plain);
+    kernel::window_sums<2>(centre, stride, variant);
+    if (differ("window_sums<2>", plain, variant, sizeof plain)) return "window_sums<2>";
+    plain::window_sums<3>(centre, stride, plain);
+    kernel::window_sums<3>(centre, stride, variant);
+    if (differ("window_sums<3>", plain, variant, sizeof plain)) return "window_sums<3>";
+  }
+  const std::vector<uint8_t> framed = pixels(kPatchFramed * kPatchFramed);
+  {
+    const int stride = number(kPatchSize, kPatchSize + 9);
+    const int32_t limit = number(0, 255) * number(0, 255) * 4096;
+    const std::vector<uint8_t> image = pixels((kPatchSize - 1) * stride + kPatchSize);
+    PackedTemplate plain_template, variant_template;
+    plain::pack_template(framed.data(), &plain_template);
+    kernel::pack_template(framed.data(), &variant_template);
+    // Beyond the limit any number will do.
+    const int32_t plain = std::min(limit, plain::zmssd_x64(image.data(), stride, plain_template, limit));
+    int32_t variant = std::min(limit, kernel::zmssd_x64(image.data(), stride, variant_template, limit));
+    if (differ("zmssd_x64", &plain, &variant, sizeof plain)) return "zmssd_x64";
+  }
+  {
+    RefineSample sample;
+    sample.stride = number(kPatchFramed + 1, kPatchFramed + 9);
+    sample.x_weight = number(0, kSubpixels);
+    sample.y_weight = number(0, kSubpixels);
+    sample.x_blur = number(0, 16384 / 64) * 64 - number(0, 32768 / 128) * 128;
+    sample.y_blur = number(0, 16384 / 64) * 64 - number(0, 32768 / 128) * 128;
+    const std::vector<uint8_t> image = pixels(kPatchFramed * sample.stride + kPatchFramed + 1);
+    sample.image = image.data();
+    RefineTemplate plain_template = {}, variant_template = {};
+    plain::prepare_refinement(framed.data(), &plain_template);
+    kernel::prepare_refinement(framed.data(), &variant_template);
+    const RefineSums plain = plain::refine_sums(sample, plain_template);
+    RefineSums variant = kernel::refine_sums(sample, variant_template);
+    if (differ("refine_sums", &plain, &variant, sizeof plain)) return "refine_sums";
+  }
+  return nullptr;
+}
+
+}  // namespace pptam::test
