@@ -1,5 +1,5 @@
-// Differential fuzzing: on any bytes, every kernel by hand gives the bits of the plain one, and reads nothing beyond its
-// input (address sanitizer). tests/fuzz/run.sh builds and runs it.
+// Differential fuzzing: on any bytes, every kernel by hand gives the bits of the plain one, and reads nothing beyond
+// its input (address sanitizer). tests/fuzz/run.sh builds and runs it.
 #include <cstddef>
 #include <cstdint>
 #include <cstdio>
