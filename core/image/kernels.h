@@ -78,11 +78,34 @@ inline void half_row(const uint8_t* upper, const uint8_t* lower, uint8_t* out, i
     out[x] = static_cast<uint8_t>((upper[2 * x] + upper[2 * x + 1] + lower[2 * x] + lower[2 * x + 1] + 2) >> 2);
 }
 
+// One component of the nine sums from the products at kSpan x kSpan pixels: down the columns for the three windows one
+// row apart, then along the rows.
+template <int kSpan>
+inline void add_up_windows(const int32_t (&products)[kSpan][kSpan], int32_t StructureTensor::*component,
+                           StructureTensor sums[9]) {
+  constexpr int kLast = kSpan - 1;
+  int32_t columns[3][kSpan];
+  for (int c = 0; c < kSpan; ++c) {
+    int32_t shared = 0;
+    for (int r = 2; r <= kLast - 2; ++r) shared += products[r][c];
+    columns[0][c] = shared + products[0][c] + products[1][c];
+    columns[1][c] = shared + products[1][c] + products[kLast - 1][c];
+    columns[2][c] = shared + products[kLast - 1][c] + products[kLast][c];
+  }
+  for (int r = 0; r < 3; ++r) {
+    int32_t shared = 0;
+    for (int c = 2; c <= kLast - 2; ++c) shared += columns[r][c];
+    sums[3 * r].*component = shared + columns[r][0] + columns[r][1];
+    sums[3 * r + 1].*component = shared + columns[r][1] + columns[r][kLast - 1];
+    sums[3 * r + 2].*component = shared + columns[r][kLast - 1] + columns[r][kLast];
+  }
+}
+
 // Over nine windows of (2 kRadius + 1)^2 pixels, whose centres are px and its eight neighbours, row-major. Reads
 // kRadius + 2 pixels to every side, and may read one more to the right.
 template <int kRadius>
 inline void window_sums(const uint8_t* px, int stride, StructureTensor sums[9]) {
-  constexpr int kSpan = 2 * kRadius + 3, kLast = kSpan - 1;
+  constexpr int kSpan = 2 * kRadius + 3;
   int32_t xx[kSpan][kSpan], xy[kSpan][kSpan], yy[kSpan][kSpan];
   for (int r = 0; r < kSpan; ++r) {
     const uint8_t* row = px + (r - kRadius - 1) * stride - kRadius - 1;
@@ -93,27 +116,9 @@ inline void window_sums(const uint8_t* px, int stride, StructureTensor sums[9]) 
       yy[r][c] = gy * gy;
     }
   }
-  // Down the columns for the three windows one row apart, then along the rows.
-  const auto add_up = [sums](const int32_t products[kSpan][kSpan], int32_t StructureTensor::*component) {
-    int32_t columns[3][kSpan];
-    for (int c = 0; c < kSpan; ++c) {
-      int32_t shared = 0;
-      for (int r = 2; r <= kLast - 2; ++r) shared += products[r][c];
-      columns[0][c] = shared + products[0][c] + products[1][c];
-      columns[1][c] = shared + products[1][c] + products[kLast - 1][c];
-      columns[2][c] = shared + products[kLast - 1][c] + products[kLast][c];
-    }
-    for (int r = 0; r < 3; ++r) {
-      int32_t shared = 0;
-      for (int c = 2; c <= kLast - 2; ++c) shared += columns[r][c];
-      sums[3 * r].*component = shared + columns[r][0] + columns[r][1];
-      sums[3 * r + 1].*component = shared + columns[r][1] + columns[r][kLast - 1];
-      sums[3 * r + 2].*component = shared + columns[r][kLast - 1] + columns[r][kLast];
-    }
-  };
-  add_up(xx, &StructureTensor::xx);
-  add_up(xy, &StructureTensor::xy);
-  add_up(yy, &StructureTensor::yy);
+  add_up_windows<kSpan>(xx, &StructureTensor::xx, sums);
+  add_up_windows<kSpan>(xy, &StructureTensor::xy, sums);
+  add_up_windows<kSpan>(yy, &StructureTensor::yy, sums);
 }
 
 // framed: 10x10 pixels, row major.

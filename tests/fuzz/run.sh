@@ -22,10 +22,11 @@ source toolchains/debian_packages.sh
 install_packages "${program_packages[@]}" "${fuzz_packages[@]}"
 echo "== building"
 cmake --preset fuzz --log-level=WARNING
-cmake --build --preset fuzz --parallel "$(nproc)"
-for target in kernels_fuzz; do
+targets=(kernels_fuzz)
+cmake --build --preset fuzz --parallel "$(nproc)" --target "${targets[@]}"
+for target in "${targets[@]}"; do
   echo "== $target, $seconds s"
   mkdir -p "build/fuzz/corpus/$target"
-  build/fuzz/tests/fuzz/"$target" -max_total_time="$seconds" -max_len=1024 -print_final_stats=1 \
+  build/fuzz/tests/fuzz/"$target" -max_total_time="$seconds" -max_len=1024 -len_control=0 -print_final_stats=1 \
     -artifact_prefix="build/fuzz/$target-" "build/fuzz/corpus/$target" 2>&1 | tail -n 12
 done
