@@ -86,8 +86,8 @@ class MapInitialiser {
 
   void search_points(const Pyramid& pyramid, const Matrix3f& H_predicted, const Matrix3f& rate, int level);
   bool fit_homography(const Matrix3f& H_predicted);
-  bool planar_ready(const Decomposition& decomposition);
-  bool general_ready(const Decomposition& decomposition);
+  float planar_margin(const Decomposition& decomposition);
+  float general_margin(const Decomposition& decomposition);
   void branch(const Decomposition& decomposition, bool general);
   void gather_pose_points(const Hypothesis& hypothesis);
   bool track_hypotheses(float dt_s);
@@ -128,6 +128,7 @@ class MapInitialiser {
   int frames_ = 0;
   int bad_frames_ = 0;
   float sigma_px_ = 1;  // robust scale of the homography's residuals, level-0 pixels
+  float known_s_ = 0;    // for how long the motion has been known well enough
   float progress_ = 0;
   Hint hint_ = Hint::kNone;
   int attempted_ = 0;
