@@ -25,10 +25,12 @@ constexpr float kSigma_px = 2.0f;  // a measurement's expected standard deviatio
 constexpr float kDecompositionNoise_px = 0.5f;
 constexpr float kMaxSigmaNormal_rad = 0.045f;  // 2.6 degrees
 constexpr float kMinBaseline = 0.03f;          // t / d
-// Stage 2 begins at once when everything is known so many times better than it must be, and when it is known well
-// enough for so long: who moves on gets a better map, who stops moving gets one at all.
+// Stage 2 begins when the information of the frames adds up to that of one frame in which everything is known so many
+// times better than it must be. Frames within kSameNoise_s share their tremor and count once; those in which too little
+// is known do not count. Who moves on gets a better map, who stops moving gets one at all.
 constexpr float kWellKnown = 2.0f;
-constexpr float kPatience_s = 0.7f;
+constexpr float kLeastMargin = 0.6f;
+constexpr float kSameNoise_s = 0.2f;
 constexpr float kPureRotationTolerance = 0.02f;
 constexpr float kTurned_rad = 0.14f;  // 8 degrees without a baseline: say so
 // What counts as a plane: residuals' scale, and the share of the found points that fit. A plane leaves at most the
@@ -61,7 +63,11 @@ constexpr float kPriorTranslation = 0.1f;  // depths/s, of the velocity during t
 constexpr float kPriorRotation = 0.15f;    // radians/s
 constexpr int kMinHypothesisFrames = 3;
 constexpr int64_t kHypothesisTimeout_ns = 4'000'000'000;
-constexpr int64_t kStageOneTimeout_ns = 15'000'000'000;
+// A new first view is taken from the present frame when nothing has come of the old one for so long, and when the
+// motion is hardly known and so few of the points are left in sight: turning on the spot makes the first view
+// worthless.
+constexpr int64_t kFirstViewTimeout_ns = 10'000'000'000;
+constexpr float kMinVisibleShare = 0.6f;
 constexpr float kMaxHypothesisSigma = 1.0f;  // 2 px: a right model fits to under 1 px
 constexpr float kMinParallax_rad = 0.01f;
 constexpr int kMinMapPoints = 15;
@@ -133,13 +139,13 @@ void MapInitialiser::reset() {
 }
 
 Hint MapInitialiser::start(const Pyramid& pyramid, const GreyView& small, int64_t timestamp_ns, float rotation_speed) {
-  reset();
   if (rotation_speed > kMaxStartSpeed) return Hint::kTooFast;
   corners_.resize(corners_.capacity());
   const int count = corner_detector_.detect(pyramid, CornerParams(), corners_);
   meter_.charge(Work::kCornerPixel, static_cast<int64_t>(pyramid.level[2].width) * pyramid.level[2].height);
   meter_.charge(Work::kCornerAscent, corner_detector_.ascent_steps());
   if (count < kMinCorners) return Hint::kTooLittleTexture;
+  reset();
   for (int i = 0; i < count; ++i) {
     Point point;
     point.px_1 = {static_cast<float>(corners_[i].x), static_cast<float>(corners_[i].y)};
@@ -163,7 +169,7 @@ Hint MapInitialiser::start(const Pyramid& pyramid, const GreyView& small, int64_
   H_rate_.setZero();
   previous_ns_ = start_ns_ = timestamp_ns;
   frames_ = bad_frames_ = 0;
-  known_s_ = 0;
+  known_ = 0;
   winner_ = -1;
   all_failed_ = false;
   relative_ = RelativePose();
@@ -317,11 +323,6 @@ MapInitialiser::Progress MapInitialiser::track(const Pyramid& pyramid, const Gre
   if (sharp) record_view(pyramid, small, timestamp_ns, false);
 
   if (stage_ == Stage::kHomography) {
-    if (timestamp_ns - start_ns_ > kStageOneTimeout_ns) {
-      reset();
-      hint_ = Hint::kStartLost;
-      return Progress::kLost;
-    }
     inlier_rays_.clear();
     for (const Point& point : points_)
       if (point.weight > 0) inlier_rays_.push_back(point.x_1);
@@ -332,14 +333,17 @@ MapInitialiser::Progress MapInitialiser::track(const Pyramid& pyramid, const Gre
     hint_ = Hint::kMoveSideways;
     if (planar && (decomposition.pure_rotation || decomposition.count == 0)) {
       if (so3_log(orthonormalised(H_)).norm() > kTurned_rad) hint_ = Hint::kOnlyRotating;
-      progress_ = known_s_ = 0;
+      progress_ = known_ = 0;
+      renew_first_view(pyramid, small, timestamp_ns, R_cp, dt_s);
       return Progress::kTracking;
     }
     const float margin = certainly_planar ? planar_margin(decomposition) : general_margin(decomposition);
-    known_s_ = margin >= 1 ? known_s_ + dt_s : 0;
-    progress_ = margin >= 1 ? 0.5f + 0.5f * known_s_ / kPatience_s : 0.5f * margin;
-    progress_ = std::clamp(std::max(progress_, margin / kWellKnown), 0.0f, 1.0f);
-    if (progress_ < 1 || !sharp) return Progress::kTracking;
+    if (margin > kLeastMargin) known_ += margin * margin * dt_s / kSameNoise_s;
+    progress_ = std::clamp(std::max(margin, std::sqrt(known_)) / kWellKnown, 0.0f, 1.0f);
+    if (progress_ < 1 || margin < kLeastMargin || !sharp) {
+      renew_first_view(pyramid, small, timestamp_ns, R_cp, dt_s);
+      return Progress::kTracking;
+    }
     branch_ns_ = timestamp_ns;
     branch(decomposition, !certainly_planar);
     stage_ = Stage::kHypotheses;
@@ -356,6 +360,15 @@ MapInitialiser::Progress MapInitialiser::track(const Pyramid& pyramid, const Gre
   }
   record_view(pyramid, small, timestamp_ns, true);
   return Progress::kDone;
+}
+
+void MapInitialiser::renew_first_view(const Pyramid& pyramid, const GreyView& small, int64_t timestamp_ns,
+                                      const Matrix3f& R_cp, float dt_s) {
+  const bool out_of_sight =
+      progress_ < 0.5f && static_cast<float>(attempted_) < kMinVisibleShare * static_cast<float>(points_.size());
+  if (!out_of_sight && timestamp_ns - start_ns_ < kFirstViewTimeout_ns) return;
+  const Hint hint = hint_;
+  if (start(pyramid, small, timestamp_ns, so3_log(R_cp).norm() / dt_s) == Hint::kNone) hint_ = hint;
 }
 
 // How well constrained the plane's decomposition is, by its worst quantity, relative to what is needed. Both solutions

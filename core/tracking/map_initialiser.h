@@ -31,7 +31,7 @@ class MapInitialiser {
   };
 
   // Takes the first view. rotation_speed: from the full-frame rotation, radians/s. Hint::kNone on success, otherwise
-  // why the view is not suitable (too little texture, too fast).
+  // why the view is not suitable (too little texture, too fast); nothing has changed then.
   Hint start(const Pyramid& pyramid, const GreyView& small, int64_t timestamp_ns, float rotation_speed);
 
   // Tracks the first view in the next frame. R_cp: rotation from the frame before (full-frame rotation).
@@ -86,6 +86,8 @@ class MapInitialiser {
 
   void search_points(const Pyramid& pyramid, const Matrix3f& H_predicted, const Matrix3f& rate, int level);
   bool fit_homography(const Matrix3f& H_predicted);
+  void renew_first_view(const Pyramid& pyramid, const GreyView& small, int64_t timestamp_ns, const Matrix3f& R_cp,
+                        float dt_s);
   float planar_margin(const Decomposition& decomposition);
   float general_margin(const Decomposition& decomposition);
   void branch(const Decomposition& decomposition, bool general);
@@ -128,7 +130,7 @@ class MapInitialiser {
   int frames_ = 0;
   int bad_frames_ = 0;
   float sigma_px_ = 1;  // robust scale of the homography's residuals, level-0 pixels
-  float known_s_ = 0;    // for how long the motion has been known well enough
+  float known_ = 0;     // information about the motion, summed over the frames; 1: known as well as it must be
   float progress_ = 0;
   Hint hint_ = Hint::kNone;
   int attempted_ = 0;

@@ -121,20 +121,33 @@ double right_depths(const RunLog& log, const sim::Scene& scene, const sim::Start
   if (last == nullptr) return 0;
   const Isometry3d T_cw = last->T_wc.inverse();
   const Isometry3d truth = start.curve(1e-9 * static_cast<double>(last->timestamp_ns));
-  std::vector<double> ratios;
+  std::vector<std::vector<double>> ratios;  // of each point's depth to the truth's
   for (const MapPointInfo& point : log.map_points) {
     const Vector3d p = T_cw * point.p_w.cast<double>();
     if (p.z() <= 0) continue;
-    const double depth =
-        sim::first_hit(scene, truth.translation(), truth.linear() * Vector3d(p.x() / p.z(), p.y() / p.z(), 1));
-    if (std::isfinite(depth)) ratios.push_back(p.z() / depth);
+    // A corner on an edge belongs to what is in front, which its own ray may just miss.
+    std::vector<double>& choices = ratios.emplace_back();
+    const double step = 2 / static_cast<double>(log.camera.model.fx);  // 2 px
+    for (const Vector2d& aside :
+         {Vector2d(0, 0), Vector2d(step, 0), Vector2d(-step, 0), Vector2d(0, step), Vector2d(0, -step)}) {
+      const Vector3d ray(p.x() / p.z() + aside.x(), p.y() / p.z() + aside.y(), 1);
+      const double depth = sim::first_hit(scene, truth.translation(), truth.linear() * ray);
+      if (std::isfinite(depth)) choices.push_back(p.z() / depth);
+    }
+    if (choices.empty()) ratios.pop_back();
   }
   if (ratios.empty()) return 0;
-  std::vector<double> sorted = ratios;
+  std::vector<double> sorted;
+  for (const std::vector<double>& choices : ratios) sorted.push_back(choices.front());
   std::sort(sorted.begin(), sorted.end());
   const double scale = sorted[sorted.size() / 2];
   int right = 0;
-  for (const double ratio : ratios) right += std::abs(ratio / scale - 1) < kRightDepth ? 1 : 0;
+  for (const std::vector<double>& choices : ratios) {
+    right += std::any_of(choices.begin(), choices.end(),
+                         [&](double ratio) { return std::abs(ratio / scale - 1) < kRightDepth; })
+                 ? 1
+                 : 0;
+  }
   return static_cast<double>(right) / static_cast<double>(ratios.size());
 }
 
