@@ -66,6 +66,7 @@ enum class TrackingQuality : uint8_t { kBad, kPoor, kGood };
 enum class Hint : uint8_t {
   kNone,
   kTap,           // tap to start
+  kHoldStill,     // about to start: the first view must not be blurred or sheared
   kMoveSideways,  // initialising: translate, keep the first view visible
   kOnlyRotating,  // initialising: rotation alone cannot give depth
   kTooLittleTexture,

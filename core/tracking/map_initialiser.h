@@ -30,9 +30,9 @@ class MapInitialiser {
     kDone       // build() may be called
   };
 
-  // Takes the first view. rotation_speed: from the full-frame rotation, radians/s. Hint::kNone on success, otherwise
-  // why the view is not suitable (too little texture, too fast); nothing has changed then.
-  Hint start(const Pyramid& pyramid, const GreyView& small, int64_t timestamp_ns, float rotation_speed);
+  // Takes the first view. rotation_rate: of the full-frame rotation, radians/s. Hint::kNone on success, otherwise why
+  // the view is not suitable (too little texture, not held still); nothing has changed then.
+  Hint start(const Pyramid& pyramid, const GreyView& small, int64_t timestamp_ns, const Vector3f& rotation_rate);
 
   // Tracks the first view in the next frame. R_cp: rotation from the frame before (full-frame rotation).
   Progress track(const Pyramid& pyramid, const GreyView& small, int64_t timestamp_ns, const Matrix3f& R_cp);
@@ -86,8 +86,8 @@ class MapInitialiser {
 
   void search_points(const Pyramid& pyramid, const Matrix3f& H_predicted, const Matrix3f& rate, int level);
   bool fit_homography(const Matrix3f& H_predicted);
-  void renew_first_view(const Pyramid& pyramid, const GreyView& small, int64_t timestamp_ns, const Matrix3f& R_cp,
-                        float dt_s);
+  void renew_first_view(const Pyramid& pyramid, const GreyView& small, int64_t timestamp_ns,
+                        const Vector3f& rotation_rate);
   float planar_margin(const Decomposition& decomposition);
   float general_margin(const Decomposition& decomposition);
   void branch(const Decomposition& decomposition, bool general);

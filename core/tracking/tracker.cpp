@@ -188,8 +188,7 @@ void Tracker::predict(float dt_s) {
 void Tracker::track_initialiser(TrackResult* result) {
   if (!initialiser_.active()) {
     if (!tap_pending_) return;
-    const float speed = prior_.mean.tail<3>().norm();
-    hint_ = initialiser_.start(pyramid_, small_, timestamp_ns_, speed);
+    hint_ = initialiser_.start(pyramid_, small_, timestamp_ns_, prior_.mean.tail<3>());
     if (hint_ != Hint::kNone) return;  // the tap stays pending until the view is suitable
     tap_pending_ = false;
     state_ = TrackingState::kInitialising;

@@ -353,6 +353,8 @@ const char* name_of(Hint hint) {
       return "none";
     case Hint::kTap:
       return "tap";
+    case Hint::kHoldStill:
+      return "hold_still";
     case Hint::kMoveSideways:
       return "move_sideways";
     case Hint::kOnlyRotating:
@@ -375,6 +377,8 @@ const char* sentence_for(Hint hint) {
       return "";
     case Hint::kTap:
       return "tap to start";
+    case Hint::kHoldStill:
+      return "hold still";
     case Hint::kMoveSideways:
       return "move sideways";
     case Hint::kOnlyRotating:
