@@ -16,8 +16,11 @@ constexpr size_t kFrameBytes = 24 * 1024;  // nested jobs' frames: run > insert_
 constexpr int kBundleIterations = 12;
 constexpr int kInitialIterations = 30;
 constexpr int kMinInitialPoints = 15;
-constexpr float kMaxInitialSigma = 1.0f;  // 2 px: a right map fits to under 1 px
-constexpr int kFullFromKeyframes = 8;     // below, local and full adjustment are nearly the same problem
+constexpr int kLocatingPoints = 40;                       // of each initial view's pose, before bundle adjustment
+constexpr float kInitialVelocitySigmaTranslation = 0.1f;  // depths/s, of the velocity during an initial view's readout
+constexpr float kInitialVelocitySigmaRotation = 0.15f;    // radians/s
+constexpr float kMaxInitialSigma = 1.0f;                  // 2 px: a right map fits to under 1 px
+constexpr int kFullFromKeyframes = 8;  // below, local and full adjustment are nearly the same problem
 constexpr float kMinCornerDistance_px = 10.0f;
 constexpr float kMaxPromotionError_px = 4.0f;
 constexpr float kMinParallax_rad = 0.015f;
@@ -91,11 +94,52 @@ Task Mapper::run() {
   }
 }
 
+// Poses of the initial views between the first and the last, backwards, each starting at its successor's; then the
+// velocities from their differences.
+Task Mapper::locate_initial_views(bool* good) {
+  *good = true;
+  const int count = map_.keyframes.size();
+  for (int k = count - 2; k > 0; --k) {
+    pose_points_.clear();
+    for (const MapPoint& point : map_.points) {
+      if (point.id == 0 || pose_points_.size() == kLocatingPoints) continue;
+      for (const Measurement& m : point.measurements) {
+        if (m.keyframe != k) continue;
+        PosePoint p;
+        p.p_w = point.p_w;
+        p.px = m.px;
+        p.sigma = m.sigma;
+        pose_points_.push_back(p);
+      }
+    }
+    VelocityPrior prior;
+    prior.sigma_translation = kInitialVelocitySigmaTranslation * map_.keyframes[k].mean_depth;
+    prior.sigma_rotation = kInitialVelocitySigmaRotation;
+    const PoseUpdate update = update_pose(config_.camera, config_.shutter, map_.keyframes[k + 1].T_kw, prior,
+                                          pose_points_, kRobustSigmaFloor, meter_);
+    if (!update.ok || !(update.sigma < kMaxInitialSigma)) {
+      *good = false;
+      co_return;
+    }
+    map_.keyframes[k].T_kw = update.T_cw;
+    co_await slice();
+  }
+  for (int k = 0; k < count; ++k) {
+    const Keyframe& before = map_.keyframes[std::max(k - 1, 0)];
+    const Keyframe& after = map_.keyframes[std::min(k + 1, count - 1)];
+    const float dt_s = static_cast<float>(after.timestamp_ns - before.timestamp_ns) * 1e-9f;
+    if (dt_s > 0)
+      map_.keyframes[k].velocity = map_.keyframes[k].velocity_prior = (after.T_kw * before.T_kw.inverse()).log() / dt_s;
+  }
+}
+
 Task Mapper::finish_initial_map() {
-  for (int round = 0; round < 2; ++round) {  // again without the outliers of the first
+  bool good = false;
+  co_await locate_initial_views(&good);
+  for (int round = 0; good && round < 2; ++round) {  // again without the outliers of the first
     co_await bundle_.run(-1, true, kInitialIterations);
   }
-  if (bundle_.result().sigma > kMaxInitialSigma || map_.point_count() < kMinInitialPoints ||
+  if (!good || bundle_.result().sigma > kMaxInitialSigma || map_.point_count() < kMinInitialPoints ||
       !align_to_dominant_plane()) {
     map_.clear();
     resting_ = true;

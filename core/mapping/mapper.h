@@ -23,6 +23,7 @@ class Mapper : public Background {
  private:
   Task run();
   Task finish_initial_map();
+  Task locate_initial_views(bool* good);
   Task insert_keyframe();
   Task measure_remaining_points(int keyframe);
   Task promote_partial_points(int keyframe);

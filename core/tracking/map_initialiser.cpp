@@ -6,7 +6,6 @@
 #include <cmath>
 
 #include "geometry/robust.h"
-#include "map/patch_search.h"
 
 namespace pptam {
 
@@ -31,7 +30,7 @@ constexpr float kMinBaseline = 0.03f;          // t / d
 // times better than it must be. Frames within kSameNoise_s share their tremor and count once; those in which too little
 // is known do not count. Who moves on gets a better map, who stops moving gets one at all.
 constexpr float kWellKnown = 2.0f;
-constexpr float kLeastMargin = 0.6f;
+constexpr float kLeastMargin = 0.8f;
 constexpr float kSameNoise_s = 0.2f;
 constexpr float kPureRotationTolerance = 0.02f;
 constexpr float kTurned_rad = 0.14f;  // 8 degrees without a baseline: say so
@@ -44,7 +43,8 @@ constexpr float kMinPlanarShare = 0.7f;
 constexpr float kResidualDecay = 0.7f;  // of an off-plane point's offset, per frame without a match
 
 // General motion.
-constexpr int kRelativeSteps = 8;
+constexpr int kRelativeSteps = 8;   // at most, of one start
+constexpr int kStartsPerFrame = 3;  // the last frame's pose among them
 constexpr float kEpipolarFloor_px = 0.3f;
 constexpr float kMaxEpipolarSigma_px = 1.2f;
 constexpr float kMinEpipolarShare = 0.7f;
@@ -64,6 +64,7 @@ constexpr float kMaxCostScale = 1.0f;      // 2 px
 constexpr float kPriorTranslation = 0.1f;  // depths/s, of the velocity during the readout
 constexpr float kPriorRotation = 0.15f;    // radians/s
 constexpr int kMinHypothesisFrames = 3;
+constexpr int kMaxPosePoints = 40;  // of each hypothesis' pose: three of them must fit into a frame's time
 constexpr int64_t kHypothesisTimeout_ns = 4'000'000'000;
 // A new first view is taken from the present frame when nothing has come of the old one for so long, and when the
 // motion is hardly known and so few of the points are left in sight: turning on the spot makes the first view
@@ -73,6 +74,9 @@ constexpr float kMinVisibleShare = 0.6f;
 constexpr float kMaxHypothesisSigma = 1.0f;  // 2 px: a right model fits to under 1 px
 constexpr float kMinParallax_rad = 0.01f;
 constexpr int kMinMapPoints = 15;
+// Of the search in L1: the prediction from the last frame's motion leaves little; without it a slanted plane's
+// parallax.
+constexpr float kRadius_px = 3.0f, kWideRadius_px = 4.0f;
 constexpr float kBlurLimit_px = 6.0f;  // image motion within the exposure at which L1 becomes useless
 
 // log of a matrix near the identity, second order.
@@ -170,13 +174,14 @@ Hint MapInitialiser::start(const Pyramid& pyramid, const GreyView& small, int64_
   H_.setIdentity();
   H_previous_.setIdentity();
   H_rate_.setZero();
+  parallax_rate_.setZero();
   previous_ns_ = start_ns_ = timestamp_ns;
   frames_ = bad_frames_ = 0;
   known_ = 0;
   winner_ = -1;
   all_failed_ = false;
   relative_ = RelativePose();
-  next_direction_ = 0;
+  next_start_ = 0;
   stage_ = Stage::kHomography;
   hint_ = Hint::kMoveSideways;
   return Hint::kNone;
@@ -191,11 +196,9 @@ Vector2f MapInitialiser::corrected(const Vector2f& px, const Matrix3f& rate) con
 }
 
 void MapInitialiser::search_points(const Pyramid& pyramid, const Matrix3f& H_predicted, const Matrix3f& rate,
-                                   int level) {
+                                   const SearchOptions& options) {
   observed_.clear();
   attempted_ = found_ = 0;
-  SearchOptions options;
-  options.level = level;
   for (Point& point : points_) {
     point.found = false;
     point.weight = 0;
@@ -221,7 +224,7 @@ void MapInitialiser::search_points(const Pyramid& pyramid, const Matrix3f& H_pre
     ObservedPoint observed;
     observed.predicted_px = px;
     observed.px = px;
-    observed.level = static_cast<uint8_t>(level);
+    observed.level = static_cast<uint8_t>(options.level);
     if (outcome == SearchOutcome::kFound) {
       ++found_;
       point.found = true;
@@ -284,10 +287,15 @@ MapInitialiser::Progress MapInitialiser::track(const Pyramid& pyramid, const Gre
   if (stage_ == Stage::kIdle) return Progress::kIdle;
   const float dt_s = static_cast<float>(timestamp_ns - previous_ns_) * 1e-9f;
   previous_ns_ = timestamp_ns;
-  const Matrix3f H_predicted = R_cp * H_;
-  const Matrix3f predicted_rate = log_near_identity(R_cp) / dt_s;
+  // Rotation as seen, and what was left of the last frame's motion: the parallax goes on.
+  const Matrix3f motion = (Matrix3f::Identity() + dt_s * parallax_rate_) * R_cp;
+  const Matrix3f H_predicted = motion * H_;
+  const Matrix3f predicted_rate = log_near_identity(motion) / dt_s;
   const float blur_px = so3_log(R_cp).norm() / dt_s * config_.exposure_s * config_.camera.fx;
-  search_points(pyramid, H_predicted, predicted_rate, blur_px > kBlurLimit_px ? 2 : 1);
+  SearchOptions options;
+  options.level = blur_px > kBlurLimit_px ? 2 : 1;
+  options.radius_px = bad_frames_ > 0 || frames_ < 2 ? kWideRadius_px : kRadius_px;
+  search_points(pyramid, H_predicted, predicted_rate, options);
 
   H_previous_ = H_;
   const Matrix3f rate_guess = predicted_rate;
@@ -299,6 +307,7 @@ MapInitialiser::Progress MapInitialiser::track(const Pyramid& pyramid, const Gre
   if (good) {
     // Once more with the measured rate: H's own, not the rotation's.
     H_rate_ = log_near_identity(H_ * H_previous_.inverse()) / dt_s;
+    parallax_rate_ = H_rate_ - log_near_identity(R_cp) / dt_s;
     for (Point& point : points_)
       if (point.found) point.x_2 = corrected(point.px_2, H_rate_);
     good = fit_homography(H_);
@@ -311,7 +320,8 @@ MapInitialiser::Progress MapInitialiser::track(const Pyramid& pyramid, const Gre
     }
   }
   if (!good) {
-    H_ = H_predicted;
+    H_ = R_cp * H_previous_;
+    parallax_rate_.setZero();
     if (++bad_frames_ > kMaxBadFrames) {
       reset();
       hint_ = Hint::kStartLost;
@@ -387,9 +397,9 @@ float MapInitialiser::planar_margin(const Decomposition& decomposition) {
   return std::min(kMaxSigmaNormal_rad / worst_sigma_n, shortest / kMinBaseline);
 }
 
-// No plane explains the points: the relative pose from the epipolar constraint. Starts from the last frame's, from the
-// plane's solutions and, a few in each frame, from fixed directions of translation; the cheapest is kept. How well it
-// is known, as for the plane; 0 when it is not.
+// No plane explains the points: the relative pose from the epipolar constraint. Starts from the last frame's and, two
+// in each frame, from the plane's solutions and fixed directions of translation in turn; the cheapest is kept. How well
+// it is known, as for the plane; 0 when it is not.
 float MapInitialiser::general_margin(const Decomposition& decomposition) {
   correspondences_.clear();
   for (const Point& point : points_)
@@ -399,7 +409,7 @@ float MapInitialiser::general_margin(const Decomposition& decomposition) {
   RelativePose best;
   const auto attempt = [&](const SE3& T_start) {
     const RelativePose pose = refine_relative_pose(correspondences_, T_start, kRelativeSteps, floor, squared_);
-    meter_.charge(Work::kHomographyPoint, static_cast<int64_t>(correspondences_.size()) * kRelativeSteps);
+    meter_.charge(Work::kHomographyPoint, static_cast<int64_t>(correspondences_.size()) * pose.steps);
     if (!pose.ok) return;
     // Compared at one scale, the smaller: as cost / scale^2 grows with what does not fit.
     const float scale = std::max(pose.sigma, floor), best_scale = std::max(best.sigma, floor);
@@ -407,14 +417,17 @@ float MapInitialiser::general_margin(const Decomposition& decomposition) {
   };
   const Matrix3f R = orthonormalised(H_);
   if (relative_.ok) attempt(relative_.T_21);
-  for (int i = 0; i < decomposition.count; ++i) attempt(decomposition.solutions[i].T_21);
-  for (int i = 0; i < 3; ++i) {
-    attempt({R, Vector3f(kDirections[next_direction_][0], kDirections[next_direction_][1],
-                         kDirections[next_direction_][2])});
-    next_direction_ = (next_direction_ + 1) % kDirectionCount;
+  for (int i = relative_.ok ? 1 : 0; i < kStartsPerFrame; ++i) {
+    const int choice = next_start_++ % (kDirectionCount + 2);
+    if (choice < 2) {
+      if (choice < decomposition.count) attempt(decomposition.solutions[choice].T_21);
+    } else {
+      attempt({R, Vector3f(kDirections[choice - 2][0], kDirections[choice - 2][1], kDirections[choice - 2][2])});
+    }
   }
   relative_ = best;
   if (!best.ok || best.sigma > kMaxEpipolarSigma_px / config_.camera.fx) return 0;
+  if (next_start_ < kDirectionCount + 2) return 0;  // until all have been tried it may be a local minimum
   // How well are the depths known? Median over the points that triangulate.
   squared_.clear();
   for (const Correspondence& c : correspondences_) {
@@ -562,11 +575,18 @@ bool MapInitialiser::track_hypotheses(float dt_s) {
   return true;
 }
 
-// The found points that the hypothesis can place, into pose_points_.
+// The found points that the hypothesis can place, into pose_points_; of many every so-manieth, up to kMaxPosePoints.
 void MapInitialiser::gather_pose_points(const Hypothesis& hypothesis) {
+  const auto usable = [&](int i) { return points_[i].found && hypothesis.p_1[i].z() > 0; };
+  int total = 0;
+  for (int i = 0; i < points_.size(); ++i) total += usable(i);
+  const int wanted = std::min(total, kMaxPosePoints);
+  int seen = 0;
   pose_points_.clear();
   for (int i = 0; i < points_.size(); ++i) {
-    if (!points_[i].found || hypothesis.p_1[i].z() <= 0) continue;
+    if (!usable(i)) continue;
+    ++seen;
+    if (seen * wanted / total == (seen - 1) * wanted / total) continue;
     PosePoint point;
     point.p_w = hypothesis.p_1[i];
     point.px = points_[i].px_2;
@@ -575,61 +595,23 @@ void MapInitialiser::gather_pose_points(const Hypothesis& hypothesis) {
   }
 }
 
-// The camera's pose in a recorded view, from the hypothesis' points.
-PoseUpdate MapInitialiser::locate_view(const View& view, const Hypothesis& hypothesis, const SE3& T_start) {
-  pose_points_.clear();
-  for (int i = 0; i < points_.size(); ++i) {
-    if (!view.points[i].found || hypothesis.p_1[i].z() <= 0) continue;
-    PosePoint point;
-    point.p_w = hypothesis.p_1[i];
-    point.px = view.points[i].px;
-    point.sigma = kSigma_px;
-    pose_points_.push_back(point);
-  }
-  VelocityPrior prior;
-  prior.sigma_translation = kPriorTranslation;
-  prior.sigma_rotation = kPriorRotation;
-  return update_pose(config_.camera, config_.shutter, T_start, prior, pose_points_, kRobustSigmaFloor, meter_);
-}
-
 bool MapInitialiser::build(Map& map, SE3* T_cw, Vector6f* velocity) {
   PPTAM_ASSERT(winner_ >= 0 && !map.exists());
   const Hypothesis& hypothesis = hypotheses_[winner_];
-  // Poses of the views on the way, backwards from the last, each starting at its successor's.
-  SE3 poses[kMaxViews];
-  bool good[kMaxViews] = {};
-  SE3 T = hypothesis.T_c1;
-  good[0] = true;
-  for (int k = view_count_ - 1; k > 0; --k) {
-    const PoseUpdate update = locate_view(views_[k], hypothesis, T);
-    good[k] = update.ok && update.sigma < kMaxHypothesisSigma;
-    if (!good[k]) continue;
-    T = poses[k] = update.T_cw;
-  }
-  if (!good[view_count_ - 1]) return false;
-  int16_t keyframe_of[kMaxViews];
   for (int k = 0; k < view_count_; ++k) {
-    keyframe_of[k] = -1;
-    if (!good[k]) continue;
-    int before = k, after = k;
-    for (int i = k - 1; i >= 0 && before == k; --i)
-      if (good[i]) before = i;
-    for (int i = k + 1; i < view_count_ && after == k; ++i)
-      if (good[i]) after = i;
-    const float dt_s = static_cast<float>(views_[after].timestamp_ns - views_[before].timestamp_ns) * 1e-9f;
-    // The queue's first slot lends its storage: the queue is empty without a map.
+    // The queue's first slot lends its storage: the queue is empty without a map. Images change hands, nothing is
+    // copied.
     KeyframeCandidate& candidate = map.queue[0];
     Keyframe& frame = candidate.frame;
-    frame.timestamp_ns = views_[k].timestamp_ns;
-    frame.T_kw = poses[k];
-    frame.velocity = frame.velocity_prior =
-        dt_s > 0 ? Vector6f((poses[after] * poses[before].inverse()).log() / dt_s) : Vector6f::Zero();
+    View& view = views_[k];
+    frame.timestamp_ns = view.timestamp_ns;
+    frame.T_kw = k == 0 ? SE3() : hypothesis.T_c1;
+    frame.velocity = frame.velocity_prior = Vector6f::Zero();
     frame.mean_depth = 1;
-    frame.pyramid = copy_pyramid(views_[k].pyramid, frame.storage);
-    for (int y = 0; y < frame.small.height; ++y)
-      std::copy_n(views_[k].small.row(y), frame.small.width, frame.small.row(y));
-    keyframe_of[k] = static_cast<int16_t>(map.add_keyframe(candidate));
-    if (keyframe_of[k] < 0) {
+    std::swap(frame.storage, view.storage);
+    std::swap(frame.pyramid, view.pyramid);
+    std::swap(frame.small, view.small);
+    if (map.add_keyframe(candidate) < 0) {
       map.clear();
       return false;
     }
@@ -642,8 +624,8 @@ bool MapInitialiser::build(Map& map, SE3* T_cw, Vector6f* velocity) {
     if (p_1.z() <= 0) continue;
     MapPoint added;
     for (int k = 0; k < view_count_; ++k)
-      if (keyframe_of[k] >= 0 && views_[k].points[i].found)
-        added.measurements.push_back({views_[k].points[i].px, kSigma_px, keyframe_of[k]});
+      if (views_[k].points[i].found)
+        added.measurements.push_back({views_[k].points[i].px, kSigma_px, static_cast<int16_t>(k)});
     if (added.measurements.size() < 2) continue;
     const int index = map.add_point();
     if (index < 0) break;

@@ -16,6 +16,7 @@
 #include "geometry/two_view.h"
 #include "image/corners.h"
 #include "map/map.h"
+#include "map/patch_search.h"
 
 namespace pptam {
 
@@ -38,7 +39,8 @@ class MapInitialiser {
   Progress track(const Pyramid& pyramid, const GreyView& small, int64_t timestamp_ns, const Matrix3f& R_cp);
 
   // Writes keyframes and points into an empty map (and leaves it not `ready`); T_cw and velocity are the current
-  // frame's. False when the map came out too small; the map is then empty again.
+  // frame's. Keyframes between the first and the last get the last one's pose: the mapper finds theirs in idle time.
+  // False when the map came out too small; the map is then empty again.
   bool build(Map& map, SE3* T_cw, Vector6f* velocity);
 
   void reset();
@@ -84,7 +86,8 @@ class MapInitialiser {
     GreyImage small;
   };
 
-  void search_points(const Pyramid& pyramid, const Matrix3f& H_predicted, const Matrix3f& rate, int level);
+  void search_points(const Pyramid& pyramid, const Matrix3f& H_predicted, const Matrix3f& rate,
+                     const SearchOptions& options);
   bool fit_homography(const Matrix3f& H_predicted);
   void renew_first_view(const Pyramid& pyramid, const GreyView& small, int64_t timestamp_ns,
                         const Vector3f& rotation_rate);
@@ -93,7 +96,6 @@ class MapInitialiser {
   void branch(const Decomposition& decomposition, bool general);
   void gather_pose_points(const Hypothesis& hypothesis);
   bool track_hypotheses(float dt_s);
-  PoseUpdate locate_view(const View& view, const Hypothesis& hypothesis, const SE3& T_start);
   Vector2f corrected(const Vector2f& px, const Matrix3f& rate) const;
   Vector6f velocity_from_rate(const Matrix3f& rate, const Hypothesis& hypothesis, const SE3& T_k1) const;
   void record_view(const Pyramid& pyramid, const GreyView& small, int64_t timestamp_ns, bool last);
@@ -115,13 +117,14 @@ class MapInitialiser {
   FixedVector<Correspondence> correspondences_;
   FixedVector<Vector2f> inlier_rays_;
   FixedVector<ObservedPoint> observed_;
-  RelativePose relative_;   // general motion, refined from frame to frame; ok: may be used as a start
-  int next_direction_ = 0;  // of the fixed starting directions
+  RelativePose relative_;  // general motion, refined from frame to frame; ok: may be used as a start
+  int next_start_ = 0;     // which start is tried next, besides
   static constexpr int kHypotheses = 3;
   Hypothesis hypotheses_[kHypotheses];  // two of the plane, one general
   Matrix3f H_ = Matrix3f::Identity();   // first view to current, at the frame's timestamp
   Matrix3f H_previous_ = Matrix3f::Identity();
-  Matrix3f H_rate_ = Matrix3f::Zero();  // H(t + dt) = exp(dt * H_rate) H(t), 1/s
+  Matrix3f H_rate_ = Matrix3f::Zero();         // H(t + dt) = exp(dt * H_rate) H(t), 1/s
+  Matrix3f parallax_rate_ = Matrix3f::Zero();  // of that, what the full-frame rotation did not see
   int64_t previous_ns_ = 0;
   int64_t start_ns_ = 0;
   int64_t branch_ns_ = 0;  // when stage 2 began

@@ -217,7 +217,6 @@ void Tracker::track_initialiser(TrackResult* result) {
       hint_ = Hint::kStartLost;
       return;
     }
-    meter_.charge(Work::kKeyframePixel, 3LL * config_.camera.width * config_.camera.height * 4 / 3);
     mean_depth_ = map_.keyframes[0].mean_depth;
     last_keyframe_ns_ = timestamp_ns_;
     bad_frames_ = 0;

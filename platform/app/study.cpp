@@ -112,30 +112,32 @@ double plane_share(const std::vector<Vector3d>& points) {
   return static_cast<double>(most) / static_cast<double>(points.size());
 }
 
-// Share of the map's points whose depth in the last tracked view is right within kRightDepth, but for one scale.
+// Share of the map's points whose depth is right within kRightDepth, but for one scale, in the first, the middle or the
+// last tracked view: from one place alone some are hidden.
 double right_depths(const RunLog& log, const sim::Scene& scene, const sim::Start& start) {
-  const FrameLog* last = nullptr;
+  std::vector<const FrameLog*> tracked;
   for (const FrameLog& frame : log.frames) {
-    if (frame.pose_valid) last = &frame;
+    if (frame.pose_valid) tracked.push_back(&frame);
   }
-  if (last == nullptr) return 0;
-  const Isometry3d T_cw = last->T_wc.inverse();
-  const Isometry3d truth = start.curve(1e-9 * static_cast<double>(last->timestamp_ns));
-  std::vector<std::vector<double>> ratios;  // of each point's depth to the truth's
-  for (const MapPointInfo& point : log.map_points) {
-    const Vector3d p = T_cw * point.p_w.cast<double>();
-    if (p.z() <= 0) continue;
-    // A corner on an edge belongs to what is in front, which its own ray may just miss.
-    std::vector<double>& choices = ratios.emplace_back();
-    const double step = 2 / static_cast<double>(log.camera.model.fx);  // 2 px
-    for (const Vector2d& aside :
-         {Vector2d(0, 0), Vector2d(step, 0), Vector2d(-step, 0), Vector2d(0, step), Vector2d(0, -step)}) {
-      const Vector3d ray(p.x() / p.z() + aside.x(), p.y() / p.z() + aside.y(), 1);
-      const double depth = sim::first_hit(scene, truth.translation(), truth.linear() * ray);
-      if (std::isfinite(depth)) choices.push_back(p.z() / depth);
+  if (tracked.empty()) return 0;
+  // A corner on an edge belongs to what is in front, which its own ray may just miss: rays 2 px aside count too.
+  const double step = 2 / static_cast<double>(log.camera.model.fx);
+  const Vector2d asides[] = {{0, 0}, {step, 0}, {-step, 0}, {0, step}, {0, -step}};
+  std::vector<std::vector<double>> ratios(log.map_points.size());  // of each point's depths to the truth's
+  for (const size_t index : {size_t{0}, tracked.size() / 2, tracked.size() - 1}) {
+    const Isometry3d T_cw = tracked[index]->T_wc.inverse();
+    const Isometry3d truth = start.curve(1e-9 * static_cast<double>(tracked[index]->timestamp_ns));
+    for (size_t i = 0; i < ratios.size(); ++i) {
+      const Vector3d p = T_cw * log.map_points[i].p_w.cast<double>();
+      if (p.z() <= 0) continue;
+      for (const Vector2d& aside : asides) {
+        const Vector3d ray(p.x() / p.z() + aside.x(), p.y() / p.z() + aside.y(), 1);
+        const double depth = sim::first_hit(scene, truth.translation(), truth.linear() * ray);
+        if (std::isfinite(depth)) ratios[i].push_back(p.z() / depth);
+      }
     }
-    if (choices.empty()) ratios.pop_back();
   }
+  std::erase_if(ratios, [](const std::vector<double>& choices) { return choices.empty(); });
   if (ratios.empty()) return 0;
   std::vector<double> sorted;
   for (const std::vector<double>& choices : ratios) sorted.push_back(choices.front());
