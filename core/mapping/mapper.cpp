@@ -51,11 +51,12 @@ bool Mapper::has_work() const {
 void Mapper::work_slice() {
   if (!has_work()) return;
   if (epoch_ != map_.epoch) {
-    // The map that the paused job worked on is gone.
+    // The map that the paused job worked on is gone, or has another scale.
     epoch_ = map_.epoch;
     abandon();
     task_ = Task();
-    local_pending_ = full_pending_ = false;
+    local_pending_ = false;
+    full_pending_ = map_.ready;
     newest_ = -1;
     task_ = run();
     resting_ = false;
@@ -152,7 +153,8 @@ Task Mapper::finish_initial_map() {
 }
 
 // Dominant plane to z = 0 with z towards the camera, origin where the first keyframe's axis meets it, x along the first
-// camera's x; the initial views reach config.initial_baseline from the first [ptam 6.1].
+// camera's x; the first view is config.initial_plane_distance away from the plane, or the initial views reach
+// config.initial_baseline from the first [ptam 6.1].
 bool Mapper::align_to_dominant_plane() {
   const SE3 T_1w = map_.keyframes[0].T_kw;
   const float depth = map_.keyframes[0].mean_depth;
@@ -230,7 +232,8 @@ bool Mapper::align_to_dominant_plane() {
   if (!(baseline > 1e-6f) || !R.allFinite()) return false;
   Similarity S;
   S.T = SE3(R, -(R * origin)) * T_1w;
-  S.scale = config_.initial_baseline / baseline;
+  S.scale = config_.initial_plane_distance > 0 ? config_.initial_plane_distance / offset
+                                               : config_.initial_baseline / baseline;
   map_.apply(S);
   // Patches on the plane get its normal; it is known much better now than from the homography.
   for (int m = 0; m < count; ++m) {

@@ -11,10 +11,7 @@ namespace pptam {
 
 namespace {
 
-constexpr int kMinCorners = 25;  // fewer cannot constrain 8 parameters well once some are lost
-// Apparent rotation, radians/s, at which a first view may be taken. Its rolling shutter is corrected by that rotation
-// alone: a tenth of 0.2 radians/s left uncorrected shifts one end of a 60 ms readout against the other by 0.4 px.
-constexpr float kMaxStartSpeed = 0.2f;
+constexpr int kMinCorners = 25;            // fewer cannot constrain 8 parameters well once some are lost
 constexpr float kMinFoundFraction = 0.3f;  // of the points expected in the image
 constexpr int kMinInliers = 14;
 constexpr int kMaxBadFrames = 5;
@@ -43,8 +40,8 @@ constexpr float kMinPlanarShare = 0.7f;
 constexpr float kResidualDecay = 0.7f;  // of an off-plane point's offset, per frame without a match
 
 // General motion.
-constexpr int kRelativeSteps = 8;   // at most, of one start
-constexpr int kStartsPerFrame = 3;  // the last frame's pose among them
+constexpr int kRelativeSteps = 8;      // at most, of one start
+constexpr int kRelativeBudget = 1500;  // points times steps, after which a frame tries no further start
 constexpr float kEpipolarFloor_px = 0.3f;
 constexpr float kMaxEpipolarSigma_px = 1.2f;
 constexpr float kMinEpipolarShare = 0.7f;
@@ -77,7 +74,16 @@ constexpr int kMinMapPoints = 15;
 // Of the search in L1: the prediction from the last frame's motion leaves little; without it a slanted plane's
 // parallax.
 constexpr float kRadius_px = 3.0f, kWideRadius_px = 4.0f;
+constexpr int kSearchesPerFrame =
+    85;  // in turns; each costs about 45 thousand ARMv6 instructions of a frame's 6 million
 constexpr float kBlurLimit_px = 6.0f;  // image motion within the exposure at which L1 becomes useless
+
+// Do two hypotheses mean the same? The plane's and the general motion do, in a plane with a few points off it.
+bool same_motion(const SE3& a, const SE3& b) {
+  constexpr float kRotation_rad = 0.02f, kCosDirection = 0.99f;  // 8 degrees; the wrong ones differ by tens
+  return so3_log(a.R * b.R.transpose()).norm() < kRotation_rad &&
+         a.t.dot(b.t) > kCosDirection * a.t.norm() * b.t.norm();
+}
 
 // log of a matrix near the identity, second order.
 Matrix3f log_near_identity(const Matrix3f& M) {
@@ -181,7 +187,7 @@ Hint MapInitialiser::start(const Pyramid& pyramid, const GreyView& small, int64_
   winner_ = -1;
   all_failed_ = false;
   relative_ = RelativePose();
-  next_start_ = 0;
+  next_start_ = next_search_ = 0;
   stage_ = Stage::kHomography;
   hint_ = Hint::kMoveSideways;
   return Hint::kNone;
@@ -202,6 +208,12 @@ void MapInitialiser::search_points(const Pyramid& pyramid, const Matrix3f& H_pre
   for (Point& point : points_) {
     point.found = false;
     point.weight = 0;
+  }
+  const int count = points_.size();
+  const int first = next_search_;
+  for (int step = 0; step < count && attempted_ < kSearchesPerFrame; ++step) {
+    next_search_ = (first + step + 1) % count;
+    Point& point = points_[(first + step) % count];
     if (homography_depth(H_predicted, point.x_1) <= 0.1f) continue;
     const Vector2f x = apply_homography(H_predicted, point.x_1) + point.residual;
     Vector2f px;
@@ -297,6 +309,7 @@ MapInitialiser::Progress MapInitialiser::track(const Pyramid& pyramid, const Gre
   options.radius_px = bad_frames_ > 0 || frames_ < 2 ? kWideRadius_px : kRadius_px;
   search_points(pyramid, H_predicted, predicted_rate, options);
 
+  hint_ = options.level > 1 ? Hint::kTooFast : Hint::kMoveSideways;
   H_previous_ = H_;
   const Matrix3f rate_guess = predicted_rate;
   for (Point& point : points_)
@@ -315,6 +328,7 @@ MapInitialiser::Progress MapInitialiser::track(const Pyramid& pyramid, const Gre
   for (Point& point : points_) {
     if (good && point.found) {
       point.residual = point.x_2 - apply_homography(H_, point.x_1);
+      point.on_plane = point.weight > 0;
     } else {
       point.residual *= kResidualDecay;
     }
@@ -343,9 +357,8 @@ MapInitialiser::Progress MapInitialiser::track(const Pyramid& pyramid, const Gre
     const bool planar = sigma_px_<kMaxPlanarSigma_px&& static_cast<float>(inlier_rays_.size())> kMinPlanarShare *
                         static_cast<float>(found_);
     const bool certainly_planar = planar && sigma_px_ < kCertainPlanarSigma_px;
-    hint_ = Hint::kMoveSideways;
     if (planar && (decomposition.pure_rotation || decomposition.count == 0)) {
-      if (so3_log(orthonormalised(H_)).norm() > kTurned_rad) hint_ = Hint::kOnlyRotating;
+      if (sharp && so3_log(orthonormalised(H_)).norm() > kTurned_rad) hint_ = Hint::kOnlyRotating;
       progress_ = known_ = 0;
       renew_first_view(pyramid, small, timestamp_ns, so3_log(R_cp) / dt_s);
       return Progress::kTracking;
@@ -377,8 +390,9 @@ MapInitialiser::Progress MapInitialiser::track(const Pyramid& pyramid, const Gre
 
 void MapInitialiser::renew_first_view(const Pyramid& pyramid, const GreyView& small, int64_t timestamp_ns,
                                       const Vector3f& rotation_rate) {
+  const int searched = std::min(points_.size(), kSearchesPerFrame);
   const bool out_of_sight =
-      progress_ < 0.5f && static_cast<float>(attempted_) < kMinVisibleShare * static_cast<float>(points_.size());
+      progress_ < 0.5f && static_cast<float>(attempted_) < kMinVisibleShare * static_cast<float>(searched);
   if (!out_of_sight && timestamp_ns - start_ns_ < kFirstViewTimeout_ns) return;
   const Hint hint = hint_;
   if (start(pyramid, small, timestamp_ns, rotation_rate) == Hint::kNone) hint_ = hint;
@@ -397,7 +411,7 @@ float MapInitialiser::planar_margin(const Decomposition& decomposition) {
   return std::min(kMaxSigmaNormal_rad / worst_sigma_n, shortest / kMinBaseline);
 }
 
-// No plane explains the points: the relative pose from the epipolar constraint. Starts from the last frame's and, two
+// No plane explains the points: the relative pose from the epipolar constraint. Starts from the last frame's and, some
 // in each frame, from the plane's solutions and fixed directions of translation in turn; the cheapest is kept. How well
 // it is known, as for the plane; 0 when it is not.
 float MapInitialiser::general_margin(const Decomposition& decomposition) {
@@ -407,9 +421,10 @@ float MapInitialiser::general_margin(const Decomposition& decomposition) {
   squared_.resize(squared_.capacity());
   const float floor = kEpipolarFloor_px / config_.camera.fx;
   RelativePose best;
+  int spent = 0;
   const auto attempt = [&](const SE3& T_start) {
     const RelativePose pose = refine_relative_pose(correspondences_, T_start, kRelativeSteps, floor, squared_);
-    meter_.charge(Work::kHomographyPoint, static_cast<int64_t>(correspondences_.size()) * pose.steps);
+    spent += correspondences_.size() * pose.steps;
     if (!pose.ok) return;
     // Compared at one scale, the smaller: as cost / scale^2 grows with what does not fit.
     const float scale = std::max(pose.sigma, floor), best_scale = std::max(best.sigma, floor);
@@ -417,7 +432,7 @@ float MapInitialiser::general_margin(const Decomposition& decomposition) {
   };
   const Matrix3f R = orthonormalised(H_);
   if (relative_.ok) attempt(relative_.T_21);
-  for (int i = relative_.ok ? 1 : 0; i < kStartsPerFrame; ++i) {
+  for (int i = 0; i < kDirectionCount + 2 && spent < kRelativeBudget; ++i) {
     const int choice = next_start_++ % (kDirectionCount + 2);
     if (choice < 2) {
       if (choice < decomposition.count) attempt(decomposition.solutions[choice].T_21);
@@ -425,6 +440,7 @@ float MapInitialiser::general_margin(const Decomposition& decomposition) {
       attempt({R, Vector3f(kDirections[choice - 2][0], kDirections[choice - 2][1], kDirections[choice - 2][2])});
     }
   }
+  meter_.charge(Work::kHomographyPoint, spent);
   relative_ = best;
   if (!best.ok || best.sigma > kMaxEpipolarSigma_px / config_.camera.fx) return 0;
   if (next_start_ < kDirectionCount + 2) return 0;  // until all have been tried it may be a local minimum
@@ -463,7 +479,7 @@ void MapInitialiser::branch(const Decomposition& decomposition, bool general) {
       Triangulated triangulated;
       Vector3f p_1 = Vector3f::Zero();
       const Vector3f ray = point.x_1.homogeneous();
-      if (hypothesis.planar && point.weight > 0 && hypothesis.n_1.dot(ray) > 0) {
+      if (hypothesis.planar && point.on_plane && hypothesis.n_1.dot(ray) > 0) {
         p_1 = ray / hypothesis.n_1.dot(ray);  // knows its plane better than its parallax tells
       } else if (point.found && triangulate(T_b1, point.x_1, point.x_2, kMinParallax_rad, &triangulated)) {
         p_1 = triangulated.p_1;
@@ -569,7 +585,9 @@ bool MapInitialiser::track_hypotheses(float dt_s) {
   }
   const float ratio = std::max(kHypothesisCostRatio - kCostRatioPerFrame * static_cast<float>(frames_), kMinCostRatio);
   for (int k = 0; k < kHypotheses; ++k)
-    if (k != best && hypotheses_[k].alive && hypotheses_[k].cost < ratio * hypotheses_[best].cost) decided = false;
+    if (k != best && hypotheses_[k].alive && hypotheses_[k].cost < ratio * hypotheses_[best].cost &&
+        !same_motion(hypotheses_[k].T_c1, hypotheses_[best].T_c1))
+      decided = false;
   if (!decided || frames_ < kMinHypothesisFrames || hypotheses_[best].sigma > kMaxHypothesisSigma) return false;
   winner_ = best;
   return true;

@@ -193,6 +193,13 @@ void add_run_options(CLI::App* command, RunOptions* run, OutputOptions* output) 
       ->type_name("SECONDS")
       ->expected(1)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
+  command->add_flag("--auto-start", run->auto_start,
+                    "No tap: start when the camera is held still, again after failures");
+  command
+      ->add_option("--plane-distance", run->plane_distance,
+                   "Of the first view from the dominant plane, in any unit: sets the map's scale")
+      ->check(CLI::Range(0.001, 1000.0))
+      ->type_name("LENGTH");
   command->add_flag("--no-overlay", output->no_overlay, "No overlay.mp4 and stills");
   command->add_flag("--no-report", output->no_report, "No report.html");
 }

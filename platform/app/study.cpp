@@ -69,17 +69,21 @@ sim::PhoneOptions phone_for(const Kind& kind, uint64_t seed) {
   return phone;
 }
 
-// Ends when told to.
+// Ends when told to, and may tell another shutter than it has.
 class StoppableCamera : public platform::Camera {
  public:
-  explicit StoppableCamera(std::unique_ptr<platform::Camera> camera) : camera_(std::move(camera)) {}
-  const platform::CameraInfo& info() const override { return camera_->info(); }
+  StoppableCamera(std::unique_ptr<platform::Camera> camera, float shutter_told)
+      : camera_(std::move(camera)), info_(camera_->info()) {
+    info_.shutter.line_time_s *= shutter_told;
+  }
+  const platform::CameraInfo& info() const override { return info_; }
   platform::Trajectory ground_truth() const override { return camera_->ground_truth(); }
   bool read(Frame* frame) override { return !stopped_ && camera_->read(frame); }
   void stop() { stopped_ = true; }
 
  private:
   std::unique_ptr<platform::Camera> camera_;
+  platform::CameraInfo info_;
   bool stopped_ = false;
 };
 
@@ -346,19 +350,24 @@ std::vector<std::string> study_kinds() {
   return names;
 }
 
+std::shared_ptr<const sim::Scene> study_scene(const std::string& kind, uint64_t seed) {
+  const sim::PhoneOptions phone = phone_for(kind_named(kind), seed);
+  return std::make_shared<const sim::Scene>(sim::make_scene(phone.scene, *phone.scene_seed));
+}
+
 StudyTrial run_study_trial(const std::string& kind, uint64_t seed, double follow_s,
-                           std::shared_ptr<const sim::Scene> scene) {
+                           std::shared_ptr<const sim::Scene> scene, float shutter_told) {
   StudyTrial trial;
   trial.kind = kind;
   trial.seed = seed;
   trial.phone = phone_for(kind_named(kind), seed);
-  if (!scene) scene = std::make_shared<const sim::Scene>(sim::make_scene(trial.phone.scene, *trial.phone.scene_seed));
+  if (!scene) scene = study_scene(kind, seed);
   trial.start = sim::make_start(trial.phone.motion, *scene, seed);
   trial.plane_known = trial.phone.scene == "plane";
   const sim::Start& start = trial.start;
   const auto seconds = [](int64_t timestamp_ns) { return 1e-9 * static_cast<double>(timestamp_ns); };
 
-  StoppableCamera camera(sim::make_phone_camera(trial.phone, scene));
+  StoppableCamera camera(sim::make_phone_camera(trial.phone, scene), shutter_told);
   double first_view_s = 0, first_pose_s = -1;
   std::vector<Vector3d> points;  // of the first view, from the first frame that found any
   TrackingState last_state = TrackingState::kWaiting;
@@ -434,10 +443,7 @@ int run_study(const StudyOptions& options) {
     for (size_t i = first; i < std::min<size_t>(first + kTrialsPerScene, seeds); ++i) {
       StudyTrial& trial = trials[kind * seeds + i];
       try {
-        if (!scene) {
-          const sim::PhoneOptions phone = phone_for(kind_named(options.kinds[kind]), i + 1);
-          scene = std::make_shared<const sim::Scene>(sim::make_scene(phone.scene, *phone.scene_seed));
-        }
+        if (!scene) scene = study_scene(options.kinds[kind], i + 1);
         trial = run_study_trial(options.kinds[kind], i + 1, options.follow_s, scene);
       } catch (const std::exception& problem) {
         trial.kind = options.kinds[kind];

@@ -7,6 +7,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -58,9 +59,12 @@ struct StudyTrial {
 // Kinds of trials: "planar", "steep", "cameras", "rotation", "corners".
 std::vector<std::string> study_kinds();
 
-// One trial; follow_s: how long it goes on after the first pose.
+// One trial; follow_s: how long it goes on after the first pose. scene: painted before, or null. shutter_told: what the
+// system is told of the shutter's line time, as a factor of the truth: 1 but for tests of the judge.
 StudyTrial run_study_trial(const std::string& kind, uint64_t seed, double follow_s,
-                           std::shared_ptr<const sim::Scene> scene = nullptr);
+                           std::shared_ptr<const sim::Scene> scene = nullptr, float shutter_told = 1);
+// The scene of a trial, which ten successive seeds share.
+std::shared_ptr<const sim::Scene> study_scene(const std::string& kind, uint64_t seed);
 
 struct StudyOptions {
   std::vector<std::string> kinds = study_kinds();
