@@ -45,7 +45,7 @@ class Mapper : public Background {
   bool local_pending_ = false, full_pending_ = false;
   int newest_ = -1;
   int velocity_rounds_ = 0;
-  uint32_t epoch_ = 0;
+  uint32_t epoch_ = UINT32_MAX;  // of the map that the job works on; none yet
 };
 
 }  // namespace pptam

@@ -198,7 +198,11 @@ bool Tracker::wants_start(float dt_s) {
   if (!config_.auto_start) return false;
   steady_s_ = rotation_ok_ && prior_.mean.tail<3>().norm() < kMaxStartSpeed ? steady_s_ + dt_s : 0;
   if (steady_s_ >= kSteadyTime_s) return true;
-  if (hint_ != Hint::kStartLost) hint_ = Hint::kHoldStill;  // the bad news stays until the next start
+  if (have_previous_ && !rotation_ok_) {
+    hint_ = Hint::kTooLittleTexture;  // not even the smallest image can be followed
+  } else if (hint_ != Hint::kStartLost) {  // bad news stays until the next start
+    hint_ = Hint::kHoldStill;
+  }
   return false;
 }
 
