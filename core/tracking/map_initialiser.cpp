@@ -56,6 +56,7 @@ constexpr float kDirections[kDirectionCount][3] = {{1, 0, 0},        {0, 1, 0}, 
 // Cost ratio that decides [phone 5.1], relaxed frame by frame: with a wrong calibration no hypothesis fits well, and
 // the ratio stays under 2 for ever.
 constexpr float kHypothesisCostRatio = 2.0f, kMinCostRatio = 1.2f, kCostRatioPerFrame = 0.05f;
+constexpr float kPlaneCostRatio = 1.15f;
 constexpr float kCostMemory = 0.8f;        // costs are summed with forgetting, about five frames
 constexpr float kMaxCostScale = 1.0f;      // 2 px
 constexpr float kPriorTranslation = 0.1f;  // depths/s, of the velocity during the readout
@@ -74,16 +75,9 @@ constexpr int kMinMapPoints = 15;
 // Of the search in L1: the prediction from the last frame's motion leaves little; without it a slanted plane's
 // parallax.
 constexpr float kRadius_px = 3.0f, kWideRadius_px = 4.0f;
-constexpr int kSearchesPerFrame =
-    85;  // in turns; each costs about 45 thousand ARMv6 instructions of a frame's 6 million
+// Of the first view's points, in turns: each costs about 45 thousand ARMv6 instructions of a frame's 6 million.
+constexpr int kSearchesPerFrame = 85;
 constexpr float kBlurLimit_px = 6.0f;  // image motion within the exposure at which L1 becomes useless
-
-// Do two hypotheses mean the same? The plane's and the general motion do, in a plane with a few points off it.
-bool same_motion(const SE3& a, const SE3& b) {
-  constexpr float kRotation_rad = 0.02f, kCosDirection = 0.99f;  // 8 degrees; the wrong ones differ by tens
-  return so3_log(a.R * b.R.transpose()).norm() < kRotation_rad &&
-         a.t.dot(b.t) > kCosDirection * a.t.norm() * b.t.norm();
-}
 
 // log of a matrix near the identity, second order.
 Matrix3f log_near_identity(const Matrix3f& M) {
@@ -583,11 +577,16 @@ bool MapInitialiser::track_hypotheses(float dt_s) {
     all_failed_ = true;
     return false;
   }
-  const float ratio = std::max(kHypothesisCostRatio - kCostRatioPerFrame * static_cast<float>(frames_), kMinCostRatio);
+  // The plane has fewer unknowns than the general structure: where it costs hardly more it is right.
   for (int k = 0; k < kHypotheses; ++k)
-    if (k != best && hypotheses_[k].alive && hypotheses_[k].cost < ratio * hypotheses_[best].cost &&
-        !same_motion(hypotheses_[k].T_c1, hypotheses_[best].T_c1))
-      decided = false;
+    if (!hypotheses_[best].planar && hypotheses_[k].planar && hypotheses_[k].alive &&
+        hypotheses_[k].cost < kPlaneCostRatio * hypotheses_[best].cost)
+      best = k;
+  const float ratio = std::max(kHypothesisCostRatio - kCostRatioPerFrame * static_cast<float>(frames_), kMinCostRatio);
+  for (int k = 0; k < kHypotheses; ++k) {
+    if (k == best || !hypotheses_[k].alive || (hypotheses_[best].planar && !hypotheses_[k].planar)) continue;
+    if (hypotheses_[k].cost < ratio * hypotheses_[best].cost) decided = false;
+  }
   if (!decided || frames_ < kMinHypothesisFrames || hypotheses_[best].sigma > kMaxHypothesisSigma) return false;
   winner_ = best;
   return true;
