@@ -11,7 +11,13 @@ namespace pptam {
 
 namespace {
 
-constexpr int kMinCorners = 25;            // fewer cannot constrain 8 parameters well once some are lost
+constexpr int kMinCorners = 25;  // fewer cannot constrain 8 parameters well once some are lost
+// A first view is taken when the image moves by at most so much, in level-0 px, while it is read out and exposed: more
+// blurs the corners, and the rolling shutter is corrected by the full-frame rotation alone. A tenth of it uncorrected
+// shifts one end of the readout against the other by half a pixel. And at most so fast where both times are short or
+// unknown, in radians/s of apparent rotation.
+constexpr float kMaxStartMotion_px = 6.5f;
+constexpr float kMaxStartSpeed = 0.6f;
 constexpr float kMinFoundFraction = 0.3f;  // of the points expected in the image
 constexpr int kMinInliers = 14;
 constexpr int kMaxBadFrames = 5;
@@ -146,7 +152,13 @@ void MapInitialiser::reset() {
 
 Hint MapInitialiser::start(const Pyramid& pyramid, const GreyView& small, int64_t timestamp_ns,
                            const Vector3f& rotation_rate) {
-  if (rotation_rate.norm() > kMaxStartSpeed) return Hint::kHoldStill;
+  const CameraModel& camera = config_.camera;
+  const float readout_s =
+      std::abs(config_.shutter.line_time_s) *
+      static_cast<float>(config_.shutter.axis == RollingShutter::Axis::kColumns ? camera.width : camera.height);
+  const float speed = rotation_rate.norm();
+  if (speed > kMaxStartSpeed || speed * camera.fx * (readout_s + config_.exposure_s) > kMaxStartMotion_px)
+    return Hint::kHoldStill;
   corners_.resize(corners_.capacity());
   const int count = corner_detector_.detect(pyramid, CornerParams(), corners_);
   meter_.charge(Work::kCornerPixel, static_cast<int64_t>(pyramid.level[2].width) * pyramid.level[2].height);

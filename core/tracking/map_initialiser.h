@@ -20,10 +20,6 @@
 
 namespace pptam {
 
-// Apparent rotation, radians/s, at which a first view may be taken. Its rolling shutter is corrected by that rotation
-// alone: a tenth of 0.2 radians/s left uncorrected shifts one end of a 60 ms readout against the other by 0.4 px.
-constexpr float kMaxStartSpeed = 0.2f;
-
 class MapInitialiser {
  public:
   MapInitialiser(Arena& arena, const Config& config, WorkMeter& meter);

@@ -44,7 +44,10 @@ constexpr float kKeyframeCosTurn = 0.98f;  // 11.5 degrees: views turned by more
 constexpr int kMaxPartialFailures = 12;
 constexpr float kInverseDepthRange = 2.5f;  // partial points are sought within mean / range to mean * range
 
-constexpr float kSteadyTime_s = 0.3f;  // of rest, before initialisation starts by itself
+// Rest before initialisation starts by itself: its length, and the apparent rotation in radians/s that a hand at rest
+// does not exceed.
+constexpr float kSteadyTime_s = 0.3f;
+constexpr float kSteadySpeed = 0.2f;
 
 // After a longer gap the motion model's velocity says nothing.
 constexpr float kLongestGap_s = 1.0f;
@@ -196,10 +199,10 @@ void Tracker::predict(float dt_s) {
 bool Tracker::wants_start(float dt_s) {
   if (tap_pending_) return true;
   if (!config_.auto_start) return false;
-  steady_s_ = rotation_ok_ && prior_.mean.tail<3>().norm() < kMaxStartSpeed ? steady_s_ + dt_s : 0;
+  steady_s_ = rotation_ok_ && prior_.mean.tail<3>().norm() < kSteadySpeed ? steady_s_ + dt_s : 0;
   if (steady_s_ >= kSteadyTime_s) return true;
   if (have_previous_ && !rotation_ok_) {
-    hint_ = Hint::kTooLittleTexture;  // not even the smallest image can be followed
+    hint_ = Hint::kTooLittleTexture;       // not even the smallest image can be followed
   } else if (hint_ != Hint::kStartLost) {  // bad news stays until the next start
     hint_ = Hint::kHoldStill;
   }
