@@ -49,7 +49,7 @@ void expect_good_starts(const std::vector<StudyTrial>& all, int may_fail) {
     EXPECT_EQ(trial.trouble, "");
     EXPECT_FALSE(trial.early) << "a map without a sideways movement";
     EXPECT_FALSE(trial.wrong_plane()) << trial.normal_deg << " degrees off";
-    if (trial.initialised) {
+    if (trial.initialised && !trial.plane_known) {
       EXPECT_GE(trial.depth_share, app::kRightDepthShare);
     }
     EXPECT_LT(trial.worst_minstructions, 6) << "a frame's budget";
