@@ -4,7 +4,7 @@
 //   std::vector<std::byte> memory(pptam::System::required_bytes(config));
 //   pptam::System* system = nullptr;
 //   pptam::Status status = pptam::System::create(config, memory, &system);   // check it
-//   system->tap();                                                           // start at the next frame
+//   system->tap();                                  // start at the next frame, or set Config::auto_start before
 //   for (every frame) {
 //     pptam::TrackResult r = system->track(frame);                           // high priority, bounded time
 //     while (there is time before the next frame && system->has_work()) system->work_slice();
@@ -12,8 +12,9 @@
 //
 // One thread. No heap, no exceptions, no operating system; everything lives in the caller's block. The world's unit is
 // arbitrary (monocular): the sideways start, from the first view to the farthest of it, is Config::initial_baseline
-// long. The world's z = 0 is the dominant plane of the first view, z up towards the camera. Poses are T_cw (world to
-// camera), camera x right, y down, z forward, at the frame's timestamp (mid-exposure of the image centre).
+// long, unless the user knows a distance: Config::initial_plane_distance, System::set_length. The world's z = 0 is the
+// dominant plane of the first view, z up towards the camera. Poses are T_cw (world to camera), camera x right, y down,
+// z forward, at the frame's timestamp (mid-exposure of the image centre).
 #pragma once
 
 #include <cstddef>
@@ -45,6 +46,12 @@ struct Config {
   int max_initial_points = 100;     // tracked by the homography
 
   float initial_baseline = 0.1f;  // length of the sideways start in world units [ptam 6.1]
+  // Distance of the first view's camera centre from the dominant plane, world units, when the user knows it: sets the
+  // scale in place of initial_baseline. 0: not known.
+  float initial_plane_distance = 0;
+  // Initialisation begins by itself, without a tap, when the camera has been held still for 0.3 s before a textured
+  // view; again whenever it has failed, until there is a map.
+  bool auto_start = false;
   float min_keyframe_interval_s = 0.2f;
 
   PhoneProfile profile;  // turns charged work into time (the work clock)
@@ -55,7 +62,7 @@ struct Config {
 };
 
 enum class TrackingState : uint8_t {
-  kWaiting,       // no map: tap() starts initialisation
+  kWaiting,       // no map: tap() starts initialisation, or it starts by itself (Config::auto_start)
   kInitialising,  // the first view is tracked; move sideways
   kTracking,      // pose is valid
   kLost           // there is a map, but the pose is not known; the relocaliser tries at every frame
@@ -65,12 +72,13 @@ enum class TrackingQuality : uint8_t { kBad, kPoor, kGood };
 
 enum class Hint : uint8_t {
   kNone,
-  kTap,           // tap to start
-  kMoveSideways,  // initialising: translate, keep the first view visible
-  kOnlyRotating,  // initialising: rotation alone cannot give depth
-  kTooLittleTexture,
-  kTooFast,
-  kStartLost,  // the first view was lost: back to the start
+  kTap,               // tap to start
+  kHoldStill,         // about to start: the first view must not be blurred or sheared
+  kMoveSideways,      // initialising: translate, keep the first view visible
+  kOnlyRotating,      // initialising: rotation alone cannot give depth
+  kTooLittleTexture,  // about to start: too few corners in view
+  kTooFast,           // initialising: the image is blurred
+  kStartLost,         // the first view was lost: back to the start
   kReturnToKnownView
 };
 
@@ -166,7 +174,12 @@ class System {
 
   // Starts initialisation with the next frame. With a map, or initialising already: forgets it and starts again.
   void tap();
-  void reset();  // forgets everything, waits for a tap
+  void reset();  // forgets everything, waits for a tap or for Config::auto_start
+
+  // Scales the world so that two map points (ids as in map_points() or TrackResult::points) are `length` world units
+  // apart; poses follow from the next frame on. Refused when there is no finished map, a point does not exist, or the
+  // length is not within a millionth to a million times what it was; nothing changes then.
+  Status set_length(uint32_t point_a, uint32_t point_b, float length);
 
   // Copies up to out.size() entries in the order of their ids; returns how many there are in all.
   int keyframes(std::span<KeyframeInfo> out) const;

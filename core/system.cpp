@@ -58,6 +58,8 @@ Status Config::validate() const {
     return {StatusCode::kInvalidArgument, "Config::max_initial_points must be within 30 to 250"};
   if (!(initial_baseline > 1e-3f && initial_baseline < 1e3f))
     return {StatusCode::kInvalidArgument, "Config::initial_baseline must be within 0.001 to 1000"};
+  if (!(initial_plane_distance == 0 || (initial_plane_distance > 1e-3f && initial_plane_distance < 1e3f)))
+    return {StatusCode::kInvalidArgument, "Config::initial_plane_distance must be 0 or within 0.001 to 1000"};
   if (!(min_keyframe_interval_s >= 0 && min_keyframe_interval_s < 3600))
     return {StatusCode::kInvalidArgument, "Config::min_keyframe_interval_s must be within 0 to 3600 s"};
   if (static_cast<int64_t>(camera.width) * camera.height * (max_keyframes + 16) > int64_t{1} << 30)
@@ -84,7 +86,8 @@ Status System::create(const Config& config, std::span<std::byte> memory, System*
   const Status status = config.validate();
   if (!status.ok()) return status;
   if (reinterpret_cast<uintptr_t>(memory.data()) % Arena::kAlignment != 0)
-    return {StatusCode::kInvalidArgument, "System::create: memory must be aligned as by malloc (alignof(std::max_align_t))"};
+    return {StatusCode::kInvalidArgument,
+            "System::create: memory must be aligned as by malloc (alignof(std::max_align_t))"};
   if (memory.size() < required_bytes(config))
     return {StatusCode::kOutOfMemory, "System::create: memory is smaller than System::required_bytes(config)"};
   Config prepared = config;
@@ -126,6 +129,27 @@ void System::tap() {
 }
 void System::reset() {
   impl_->tracker.reset();
+}
+
+Status System::set_length(uint32_t point_a, uint32_t point_b, float length) {
+  Map& map = impl_->map;
+  if (!map.ready) return {StatusCode::kInvalidArgument, "set_length: there is no map yet"};
+  const MapPoint* a = nullptr;
+  const MapPoint* b = nullptr;
+  for (const MapPoint& point : map.points) {
+    if (point.id == 0) continue;
+    if (point.id == point_a) a = &point;
+    if (point.id == point_b) b = &point;
+  }
+  if (!a || !b) return {StatusCode::kInvalidArgument, "set_length: a map point with this id does not exist"};
+  Similarity S;
+  S.scale = length / (a->p_w - b->p_w).norm();
+  if (!(S.scale > 1e-6f && S.scale < 1e6f))  // also NaN, and the same point twice
+    return {StatusCode::kInvalidArgument, "set_length: the length must be within 1e-6 to 1e6 times the present one"};
+  map.apply(S);
+  ++map.epoch;  // what the mapper is computing has the old scale
+  impl_->tracker.follow_map();
+  return {};
 }
 
 int System::keyframes(std::span<KeyframeInfo> out) const {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <utility>
 
 #include "sim_phone/motion.h"
 #include "sim_phone/random.h"
@@ -30,8 +31,9 @@ void check(const PhoneOptions& o) {
     return std::find(names.begin(), names.end(), name) != names.end();
   };
   require(known(o.scene, scene_names()), "scene '" + o.scene + "' is unknown; choose one of " + joined(scene_names()));
-  require(known(o.motion, motion_names()),
-          "motion '" + o.motion + "' is unknown; choose one of " + joined(motion_names()));
+  std::vector<std::string> motions = motion_names();
+  for (const std::string& name : start_names()) motions.push_back(name);
+  require(known(o.motion, motions), "motion '" + o.motion + "' is unknown; choose one of " + joined(motions));
   require(o.duration_s > 0 && o.duration_s <= 3600, "duration_s must be over 0 and at most 3600 seconds");
   require(o.width >= 32 && o.width <= 4096, "width must be from 32 to 4096 pixels");
   require(o.height >= 32 && o.height <= 4096, "height must be from 32 to 4096 pixels");
@@ -43,14 +45,23 @@ void check(const PhoneOptions& o) {
   require(o.drop_probability >= 0 && o.drop_probability < 1, "drop_probability must be from 0 to under 1");
 }
 
+MotionCurve motion_for(const PhoneOptions& options, const Scene& scene) {
+  const std::vector<std::string> starts = start_names();
+  if (std::find(starts.begin(), starts.end(), options.motion) != starts.end())
+    return make_start(options.motion, scene, options.seed).curve;
+  return make_motion(options.motion, scene.stage, options.seed, options.duration_s);
+}
+
 class PhoneCamera : public platform::Camera {
  public:
-  explicit PhoneCamera(const PhoneOptions& options)
+  PhoneCamera(const PhoneOptions& options, std::shared_ptr<const Scene> scene)
       : options_(options),
-        scene_(make_scene(options.scene, options.seed)),
-        motion_(make_motion(options.motion, scene_.stage, options.seed, options.duration_s)),
+        scene_(scene ? std::move(scene)
+                     : std::make_shared<const Scene>(
+                           make_scene(options.scene, options.scene_seed.value_or(options.seed)))),
+        motion_(motion_for(options, *scene_)),
         info_(make_info(options)),
-        sensor_(scene_, motion_,
+        sensor_(*scene_, motion_,
                 SensorOptions{info_.model, info_.shutter, options.exposure_s, options.noise, options.seed}),
         pixels_(static_cast<size_t>(options.width) * static_cast<size_t>(options.height)) {
     const int frames = std::max(1, static_cast<int>(std::floor(options.duration_s * options.frames_per_s + 1e-9)));
@@ -104,7 +115,7 @@ class PhoneCamera : public platform::Camera {
   int64_t timestamp(int index) const { return std::llround(1e9 * index / options_.frames_per_s); }
 
   PhoneOptions options_;
-  Scene scene_;
+  std::shared_ptr<const Scene> scene_;
   MotionCurve motion_;
   platform::CameraInfo info_;
   Sensor sensor_;
@@ -115,9 +126,9 @@ class PhoneCamera : public platform::Camera {
 
 }  // namespace
 
-std::unique_ptr<platform::Camera> make_phone_camera(const PhoneOptions& options) {
+std::unique_ptr<platform::Camera> make_phone_camera(const PhoneOptions& options, std::shared_ptr<const Scene> scene) {
   check(options);
-  return std::make_unique<PhoneCamera>(options);
+  return std::make_unique<PhoneCamera>(options, std::move(scene));
 }
 
 }  // namespace pptam::sim

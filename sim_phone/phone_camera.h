@@ -3,17 +3,20 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "platform/camera.h"
+#include "sim_phone/scene.h"
 
 namespace pptam::sim {
 
 struct PhoneOptions {
-  std::string scene = "desk";   // one of scene_names()
-  std::string motion = "calm";  // one of motion_names()
-  uint64_t seed = 1;            // of the scene's details, the hand's motion and the sensor's noise
+  std::string scene = "desk";          // one of scene_names()
+  std::string motion = "calm";         // one of motion_names() or start_names() (sim_phone/motion.h)
+  uint64_t seed = 1;                   // of the scene's details, the hand's motion and the sensor's noise
+  std::optional<uint64_t> scene_seed;  // of the scene's details, when they have a seed of their own
   double duration_s = 20;
   int width = 240;  // portrait
   int height = 320;
@@ -26,12 +29,14 @@ struct PhoneOptions {
   double drop_probability = 0;  // of each frame
 };
 
-std::vector<std::string> scene_names();  // "desk", "boxes", "walls", "checkerboard"
+std::vector<std::string> scene_names();  // "desk", "boxes", "walls", "checkerboard", "plane", "clutter"
 // "calm": hold still, move sideways, then explore. "shaky": the same with four times the tremor. "still": as on a
 // tripod. "pure_rotation": turns about a fixed point.
 std::vector<std::string> motion_names();
 
-// Throws platform::InputError on options that make no sense, naming the option.
-std::unique_ptr<platform::Camera> make_phone_camera(const PhoneOptions& options);
+// Throws platform::InputError on options that make no sense, naming the option. scene: the one that the options ask
+// for, when it has been painted before.
+std::unique_ptr<platform::Camera> make_phone_camera(const PhoneOptions& options,
+                                                    std::shared_ptr<const Scene> scene = nullptr);
 
 }  // namespace pptam::sim

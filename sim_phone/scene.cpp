@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <numbers>
 
 #include "sim_phone/phone_camera.h"
@@ -488,6 +489,9 @@ Surface make_floor(double size_m, double z, double light, Random& random) {
 }
 
 constexpr double kTableSize_m = 2.0;
+// The "plane" scene: large enough for a view from 1.5 m, with texels that still suit one from 0.3 m.
+constexpr double kPlaneSize_m = 3.0;
+constexpr double kPlaneTexel_m = 0.00075;
 
 struct Footprint {
   double x, y, half_w, half_h, angle, height;  // scene metres, centre
@@ -495,8 +499,9 @@ struct Footprint {
 };
 
 // The table top with everything that lies flat on it, and the boxes' contact shadows.
-Surface make_table(const std::vector<Footprint>& boxes, double light, Random& random) {
-  Canvas canvas(kTableSize_m, kTableSize_m, kTableTexel_m);
+Surface make_table(const std::vector<Footprint>& boxes, double light, Random& random, double size_m = kTableSize_m,
+                   double texel_m = kTableTexel_m) {
+  Canvas canvas(size_m, size_m, texel_m);
   wood(canvas, random);
   const double grain = random.uniform(-0.5, 0.5);
 
@@ -507,8 +512,8 @@ Surface make_table(const std::vector<Footprint>& boxes, double light, Random& ra
   };
   const auto lattice = [&](double pitch, double probability) {
     std::vector<Spot> spots;
-    for (double y = 0.5 * pitch; y < kTableSize_m; y += pitch) {
-      for (double x = 0.5 * pitch; x < kTableSize_m; x += pitch) {
+    for (double y = 0.5 * pitch; y < size_m; y += pitch) {
+      for (double x = 0.5 * pitch; x < size_m; x += pitch) {
         const double dx = pitch * random.uniform(-0.4, 0.4);
         const double dy = pitch * random.uniform(-0.4, 0.4);
         const uint64_t order = random.bits();
@@ -537,11 +542,11 @@ Surface make_table(const std::vector<Footprint>& boxes, double light, Random& ra
   }
   for (const Footprint& b : boxes) {
     const double spread = 0.01 + 0.15 * b.height;
-    canvas.rectangle(Place(0.5 * kTableSize_m + b.x, 0.5 * kTableSize_m - b.y, -b.angle), -b.half_w, -b.half_h,
+    canvas.rectangle(Place(0.5 * size_m + b.x, 0.5 * size_m - b.y, -b.angle), -b.half_w, -b.half_h,
                      b.half_w + 0.4 * spread, b.half_h + 0.3 * spread, 0.02, 0.5, 2 * spread);
   }
   uneven_light(canvas, random);
-  const double half = 0.5 * kTableSize_m;
+  const double half = 0.5 * size_m;
   return surface_of(canvas, {-half, half, 0}, Vector3d::UnitX(), -Vector3d::UnitY(), light);
 }
 
@@ -615,6 +620,53 @@ std::vector<Footprint> place_boxes(double azimuth, Random& random) {
     if (free) boxes.push_back(b);
   }
   return boxes;
+}
+
+// Boxes of all heights side by side: from nowhere does one plane fill the view.
+std::vector<Footprint> place_clutter(Random& random) {
+  const auto whole_texels = [](double length_m) { return kTableTexel_m * std::round(length_m / kTableTexel_m); };
+  std::vector<Footprint> boxes;
+  for (int attempt = 0; attempt < 3000 && boxes.size() < 40; ++attempt) {
+    Footprint b{};
+    b.half_w = whole_texels(random.uniform(0.035, 0.09));
+    b.half_h = whole_texels(random.uniform(0.03, 0.07));
+    b.angle = random.uniform(0, std::numbers::pi);
+    b.height = whole_texels(random.uniform(0.04, 0.22));
+    const double distance = 0.55 * std::sqrt(random.uniform(0, 1));
+    const double direction = random.uniform(0, 2 * std::numbers::pi);
+    b.x = distance * std::cos(direction);
+    b.y = distance * std::sin(direction);
+    // Circles of nine tenths of the radius: corners may nearly touch, sides hardly ever cross.
+    const bool free = std::all_of(boxes.begin(), boxes.end(), [&](const Footprint& o) {
+      return std::hypot(o.x - b.x, o.y - b.y) > 0.9 * (o.radius() + b.radius());
+    });
+    if (free) boxes.push_back(b);
+  }
+  return boxes;
+}
+
+// A table top without anything round it.
+Scene make_plane(uint64_t seed) {
+  Random random(seed, 4);
+  Scene scene;
+  scene.stage.azimuth_rad = random.uniform(0, 2 * std::numbers::pi);
+  const double light = random.uniform(0.6, 1.1);
+  scene.surfaces.push_back(make_table({}, light, random, kPlaneSize_m, kPlaneTexel_m));
+  return scene;
+}
+
+Scene make_clutter(uint64_t seed) {
+  Random random(seed, 5);
+  Scene scene;
+  scene.stage.azimuth_rad = random.uniform(0, 2 * std::numbers::pi);
+  scene.stage.min_height_m = 0.4;
+  scene.stage.cluttered = true;
+  const double light = random.uniform(0.6, 1.1);
+  const std::vector<Footprint> boxes = place_clutter(random);
+  scene.surfaces.push_back(make_table(boxes, light, random));
+  for (const Footprint& b : boxes) add_box(b, light, random, &scene.surfaces);
+  scene.surfaces.push_back(make_floor(8, -0.74, 0.7 * light, random));
+  return scene;
 }
 
 Scene make_desk(bool with_boxes, uint64_t seed) {
@@ -691,6 +743,7 @@ Scene make_walls(uint64_t seed) {
   Scene scene;
   scene.stage.kind = Stage::Kind::kCorner;
   scene.stage.mirrored = random.chance(0.5);
+  scene.stage.cluttered = true;
   const double light = random.uniform(0.6, 1.1);
   constexpr double kLength_m = 3;
   constexpr double kHeight_m = 2.4;
@@ -727,13 +780,30 @@ Scene make_checkerboard(uint64_t seed) {
 }  // namespace
 
 std::vector<std::string> scene_names() {
-  return {"desk", "boxes", "walls", "checkerboard"};
+  return {"desk", "boxes", "walls", "checkerboard", "plane", "clutter"};
+}
+
+double first_hit(const Scene& scene, const Vector3d& origin, const Vector3d& direction) {
+  double nearest = std::numeric_limits<double>::infinity();
+  for (const Surface& s : scene.surfaces) {
+    const Vector3d normal = s.v_axis.cross(s.u_axis);
+    const double approach = normal.dot(direction);
+    if (approach >= 0) continue;
+    const double depth = normal.dot(s.origin - origin) / approach;
+    if (!(depth > 0) || depth >= nearest) continue;
+    const Vector3d on_surface = origin + depth * direction - s.origin;
+    const double u = on_surface.dot(s.u_axis), v = on_surface.dot(s.v_axis);
+    if (u >= 0 && v >= 0 && u <= s.width_m && v <= s.height_m) nearest = depth;
+  }
+  return nearest;
 }
 
 Scene make_scene(const std::string& name, uint64_t seed) {
   if (name == "boxes") return make_desk(true, seed);
   if (name == "walls") return make_walls(seed);
   if (name == "checkerboard") return make_checkerboard(seed);
+  if (name == "plane") return make_plane(seed);
+  if (name == "clutter") return make_clutter(seed);
   return make_desk(false, seed);
 }
 

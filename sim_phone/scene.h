@@ -66,6 +66,7 @@ struct Stage {
   double azimuth_rad = 0;      // kTable: direction from the scene's middle towards the person
   double min_height_m = 0.27;  // kTable: of the camera
   bool mirrored = false;       // kCorner: starts at the wall x = 0 instead of the wall y = 0
+  bool cluttered = false;      // there are views in which no plane dominates
 };
 
 struct Scene {
@@ -79,6 +80,9 @@ struct Scene {
 constexpr int kCheckerColumns = 20;
 constexpr int kCheckerRows = 20;
 constexpr double kCheckerSquare_m = 0.03;
+
+// Depth at which the ray origin + depth * direction first meets a surface from its visible side; infinity: nowhere.
+double first_hit(const Scene& scene, const Vector3d& origin, const Vector3d& direction);
 
 // name is one of scene_names(). Different seeds give other objects in other places under other light.
 Scene make_scene(const std::string& name, uint64_t seed);

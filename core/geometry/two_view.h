@@ -26,6 +26,7 @@ struct RelativePose {
   SE3 T_21;         // |t| = 1
   float sigma = 0;  // robust scale of the distances to the epipolar lines, normalised units
   float cost = 0;   // sum of Tukey costs / scale^2 at scale max(sigma, sigma_floor): comparable between starts
+  int steps = 0;    // iterations made: what the work meter charges
   int inliers = 0;  // of non-zero weight and in front of both cameras
   float sigma_t_rad = 3.14f;  // standard deviation of the direction of t, worst direction
   bool ok = false;
@@ -33,7 +34,7 @@ struct RelativePose {
 
 // Refines a relative pose by Gauss-Newton on Tukey-weighted Sampson distances
 //   e = x2^T [t]x R x1 / sqrt(|(E x1)_xy|^2 + |(E^T x2)_xy|^2),
-// five parameters (rotation, direction of t), `steps` iterations. scratch: at least as long as the correspondences. The
+// five parameters (rotation, direction of t), at most `steps` iterations. scratch: at least as long as the correspondences. The
 // sign of t is the one that puts most points in front of both cameras. Not ok with fewer than 8 inliers.
 RelativePose refine_relative_pose(std::span<const Correspondence> correspondences, const SE3& T_start, int steps,
                                   float sigma_floor, std::span<float> scratch);

@@ -98,9 +98,10 @@ struct Map {
   uint32_t next_id = 1;
   bool ready = false;       // initial bundle adjustment and alignment are done: poses may be shown
   uint32_t limits_hit = 0;  // LimitBits since the last reset
-  uint32_t epoch = 0;       // counts clear(): tells the mapper that what it was doing has no object any more
-  // The mapper may change the world's coordinates once, after initialisation. The tracker applies `transform` to its
-  // own state when it sees a new `transform_count`.
+  // Counts clear() and changes of scale: tells the mapper that what it was doing has no object any more.
+  uint32_t epoch = 0;
+  // The world's coordinates change once after initialisation (mapper), and when the user sets a length. The tracker
+  // applies `transform` to its own state when it sees a new `transform_count`: before the next change.
   uint32_t transform_count = 0;
   Similarity transform;
 

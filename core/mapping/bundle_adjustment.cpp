@@ -435,7 +435,25 @@ Task BundleAdjuster::evaluate_step() {
 }
 
 // One accepted step, as a whole, into the map.
+// Scales the new state about the first camera so that the last one stays as far from it as it was.
+void BundleAdjuster::hold_scale() {
+  const Vector3f origin = cameras_[0].T.centre();
+  const Camera& last = cameras_.back();
+  const float before = (last.T.centre() - origin).norm(), after = (last.T_new.centre() - origin).norm();
+  if (!(before > 0) || !(after > 1e-3f * before)) return;
+  const float scale = before / after;
+  for (Camera& camera : cameras_) {
+    const Vector3f centre = origin + scale * (camera.T_new.centre() - origin);
+    camera.T_new.t = -(camera.T_new.R * centre);
+    camera.velocity_new.head<3>() *= scale;
+  }
+  for (Point& point : points_) point.p_new = origin + scale * (point.p_new - origin);
+}
+
 void BundleAdjuster::commit() {
+  // A map that is not shown yet drifts in scale, which nothing else holds; the tracker follows it with a pose of the
+  // scale that it was built with.
+  if (!map_.ready) hold_scale();
   for (int k = 0; k < cameras_.size(); ++k) {
     Camera& camera = cameras_[k];
     if (camera.column < 0) continue;

@@ -81,6 +81,7 @@ class BundleAdjuster {
   Task evaluate_step();
   Task discard_outliers();
   void commit();
+  void hold_scale();
   float prior_cost(const Camera& camera, const Vector6f& velocity) const;
   Vector6f prior_information(const Camera& camera) const;
   // Lower triangle of NxN blocks, row by row; i >= j.

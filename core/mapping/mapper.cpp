@@ -16,8 +16,11 @@ constexpr size_t kFrameBytes = 24 * 1024;  // nested jobs' frames: run > insert_
 constexpr int kBundleIterations = 12;
 constexpr int kInitialIterations = 30;
 constexpr int kMinInitialPoints = 15;
-constexpr float kMaxInitialSigma = 1.0f;  // 2 px: a right map fits to under 1 px
-constexpr int kFullFromKeyframes = 8;     // below, local and full adjustment are nearly the same problem
+constexpr int kLocatingPoints = 40;                       // of each initial view's pose, before bundle adjustment
+constexpr float kInitialVelocitySigmaTranslation = 0.1f;  // depths/s, of the velocity during an initial view's readout
+constexpr float kInitialVelocitySigmaRotation = 0.15f;    // radians/s
+constexpr float kMaxInitialSigma = 1.0f;                  // 2 px: a right map fits to under 1 px
+constexpr int kFullFromKeyframes = 8;  // below, local and full adjustment are nearly the same problem
 constexpr float kMinCornerDistance_px = 10.0f;
 constexpr float kMaxPromotionError_px = 4.0f;
 constexpr float kMinParallax_rad = 0.015f;
@@ -48,11 +51,12 @@ bool Mapper::has_work() const {
 void Mapper::work_slice() {
   if (!has_work()) return;
   if (epoch_ != map_.epoch) {
-    // The map that the paused job worked on is gone.
+    // The map that the paused job worked on is gone, or has another scale.
     epoch_ = map_.epoch;
     abandon();
     task_ = Task();
-    local_pending_ = full_pending_ = false;
+    local_pending_ = false;
+    full_pending_ = map_.ready;
     newest_ = -1;
     task_ = run();
     resting_ = false;
@@ -91,11 +95,52 @@ Task Mapper::run() {
   }
 }
 
+// Poses of the initial views between the first and the last, backwards, each starting at its successor's; then the
+// velocities from their differences.
+Task Mapper::locate_initial_views(bool* good) {
+  *good = true;
+  const int count = map_.keyframes.size();
+  for (int k = count - 2; k > 0; --k) {
+    pose_points_.clear();
+    for (const MapPoint& point : map_.points) {
+      if (point.id == 0 || pose_points_.size() == kLocatingPoints) continue;
+      for (const Measurement& m : point.measurements) {
+        if (m.keyframe != k) continue;
+        PosePoint p;
+        p.p_w = point.p_w;
+        p.px = m.px;
+        p.sigma = m.sigma;
+        pose_points_.push_back(p);
+      }
+    }
+    VelocityPrior prior;
+    prior.sigma_translation = kInitialVelocitySigmaTranslation * map_.keyframes[k].mean_depth;
+    prior.sigma_rotation = kInitialVelocitySigmaRotation;
+    const PoseUpdate update = update_pose(config_.camera, config_.shutter, map_.keyframes[k + 1].T_kw, prior,
+                                          pose_points_, kRobustSigmaFloor, meter_);
+    if (!update.ok || !(update.sigma < kMaxInitialSigma)) {
+      *good = false;
+      co_return;
+    }
+    map_.keyframes[k].T_kw = update.T_cw;
+    co_await slice();
+  }
+  for (int k = 0; k < count; ++k) {
+    const Keyframe& before = map_.keyframes[std::max(k - 1, 0)];
+    const Keyframe& after = map_.keyframes[std::min(k + 1, count - 1)];
+    const float dt_s = static_cast<float>(after.timestamp_ns - before.timestamp_ns) * 1e-9f;
+    if (dt_s > 0)
+      map_.keyframes[k].velocity = map_.keyframes[k].velocity_prior = (after.T_kw * before.T_kw.inverse()).log() / dt_s;
+  }
+}
+
 Task Mapper::finish_initial_map() {
-  for (int round = 0; round < 2; ++round) {  // again without the outliers of the first
+  bool good = false;
+  co_await locate_initial_views(&good);
+  for (int round = 0; good && round < 2; ++round) {  // again without the outliers of the first
     co_await bundle_.run(-1, true, kInitialIterations);
   }
-  if (bundle_.result().sigma > kMaxInitialSigma || map_.point_count() < kMinInitialPoints ||
+  if (!good || bundle_.result().sigma > kMaxInitialSigma || map_.point_count() < kMinInitialPoints ||
       !align_to_dominant_plane()) {
     map_.clear();
     resting_ = true;
@@ -108,7 +153,8 @@ Task Mapper::finish_initial_map() {
 }
 
 // Dominant plane to z = 0 with z towards the camera, origin where the first keyframe's axis meets it, x along the first
-// camera's x; the initial views reach config.initial_baseline from the first [ptam 6.1].
+// camera's x; the first view is config.initial_plane_distance away from the plane, or the initial views reach
+// config.initial_baseline from the first [ptam 6.1].
 bool Mapper::align_to_dominant_plane() {
   const SE3 T_1w = map_.keyframes[0].T_kw;
   const float depth = map_.keyframes[0].mean_depth;
@@ -186,7 +232,8 @@ bool Mapper::align_to_dominant_plane() {
   if (!(baseline > 1e-6f) || !R.allFinite()) return false;
   Similarity S;
   S.T = SE3(R, -(R * origin)) * T_1w;
-  S.scale = config_.initial_baseline / baseline;
+  S.scale = config_.initial_plane_distance > 0 ? config_.initial_plane_distance / offset
+                                               : config_.initial_baseline / baseline;
   map_.apply(S);
   // Patches on the plane get its normal; it is known much better now than from the homography.
   for (int m = 0; m < count; ++m) {

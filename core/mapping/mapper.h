@@ -23,6 +23,7 @@ class Mapper : public Background {
  private:
   Task run();
   Task finish_initial_map();
+  Task locate_initial_views(bool* good);
   Task insert_keyframe();
   Task measure_remaining_points(int keyframe);
   Task promote_partial_points(int keyframe);
@@ -44,7 +45,7 @@ class Mapper : public Background {
   bool local_pending_ = false, full_pending_ = false;
   int newest_ = -1;
   int velocity_rounds_ = 0;
-  uint32_t epoch_ = 0;
+  uint32_t epoch_ = UINT32_MAX;  // of the map that the job works on; none yet
 };
 
 }  // namespace pptam

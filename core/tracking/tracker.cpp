@@ -44,6 +44,11 @@ constexpr float kKeyframeCosTurn = 0.98f;  // 11.5 degrees: views turned by more
 constexpr int kMaxPartialFailures = 12;
 constexpr float kInverseDepthRange = 2.5f;  // partial points are sought within mean / range to mean * range
 
+// Rest before initialisation starts by itself: its length, and the apparent rotation in radians/s that a hand at rest
+// does not exceed.
+constexpr float kSteadyTime_s = 0.3f;
+constexpr float kSteadySpeed = 0.2f;
+
 // After a longer gap the motion model's velocity says nothing.
 constexpr float kLongestGap_s = 1.0f;
 
@@ -88,7 +93,8 @@ void Tracker::reset() {
   map_.clear();
   initialiser_.reset();
   state_ = TrackingState::kWaiting;
-  hint_ = Hint::kTap;
+  hint_ = config_.auto_start ? Hint::kHoldStill : Hint::kTap;
+  steady_s_ = 0;
   tap_pending_ = false;
   velocity_.setZero();
   bad_frames_ = good_frames_ = confirm_ = 0;
@@ -130,13 +136,7 @@ TrackResult Tracker::track(const Frame& frame, const Clock* clock) {
     state_ = TrackingState::kWaiting;
     hint_ = Hint::kStartLost;
   }
-  if (transform_count_ != map_.transform_count) {
-    transform_count_ = map_.transform_count;
-    T_cw_ = T_cw_ * map_.transform.T.inverse();
-    T_cw_.t *= map_.transform.scale;
-    velocity_.head<3>() *= map_.transform.scale;
-    mean_depth_ *= map_.transform.scale;
-  }
+  follow_map();
   predict(dt_s);
   mark_stage(Stage::kRotation, &result);
 
@@ -145,7 +145,7 @@ TrackResult Tracker::track(const Frame& frame, const Clock* clock) {
   } else if (map_.exists()) {
     track_with_map(dt_s, &result);
   } else {
-    track_initialiser(&result);
+    track_initialiser(dt_s, &result);
     mark_stage(Stage::kInitialise, &result);
   }
   have_previous_ = true;
@@ -157,6 +157,16 @@ TrackResult Tracker::track(const Frame& frame, const Clock* clock) {
   result.map_points = map_.point_count();
   if (result.points.empty()) result.points = observed_;
   return result;
+}
+
+void Tracker::follow_map() {
+  if (transform_count_ == map_.transform_count) return;
+  transform_count_ = map_.transform_count;
+  T_cw_ = T_cw_ * map_.transform.T.inverse();
+  T_cw_.t *= map_.transform.scale;
+  velocity_.head<3>() *= map_.transform.scale;
+  prior_.mean.head<3>() *= map_.transform.scale;
+  mean_depth_ *= map_.transform.scale;
 }
 
 // Full-frame rotation, and from it and the motion model the pose, the velocity and the blur of this frame.
@@ -185,13 +195,27 @@ void Tracker::predict(float dt_s) {
   blur_px_ = speed * config_.camera.fx * config_.exposure_s;
 }
 
-void Tracker::track_initialiser(TrackResult* result) {
+// A tap, or by itself after a moment of rest.
+bool Tracker::wants_start(float dt_s) {
+  if (tap_pending_) return true;
+  if (!config_.auto_start) return false;
+  steady_s_ = rotation_ok_ && prior_.mean.tail<3>().norm() < kSteadySpeed ? steady_s_ + dt_s : 0;
+  if (steady_s_ >= kSteadyTime_s) return true;
+  if (have_previous_ && !rotation_ok_) {
+    hint_ = Hint::kTooLittleTexture;       // not even the smallest image can be followed
+  } else if (hint_ != Hint::kStartLost) {  // bad news stays until the next start
+    hint_ = Hint::kHoldStill;
+  }
+  return false;
+}
+
+void Tracker::track_initialiser(float dt_s, TrackResult* result) {
   if (!initialiser_.active()) {
-    if (!tap_pending_) return;
-    const float speed = prior_.mean.tail<3>().norm();
-    hint_ = initialiser_.start(pyramid_, small_, timestamp_ns_, speed);
+    if (!wants_start(dt_s)) return;
+    hint_ = initialiser_.start(pyramid_, small_, timestamp_ns_, prior_.mean.tail<3>());
     if (hint_ != Hint::kNone) return;  // the tap stays pending until the view is suitable
     tap_pending_ = false;
+    steady_s_ = 0;
     state_ = TrackingState::kInitialising;
     hint_ = Hint::kMoveSideways;
     return;
@@ -218,7 +242,6 @@ void Tracker::track_initialiser(TrackResult* result) {
       hint_ = Hint::kStartLost;
       return;
     }
-    meter_.charge(Work::kKeyframePixel, 3LL * config_.camera.width * config_.camera.height * 4 / 3);
     mean_depth_ = map_.keyframes[0].mean_depth;
     last_keyframe_ns_ = timestamp_ns_;
     bad_frames_ = 0;

@@ -21,6 +21,8 @@ class Tracker {
   TrackResult track(const Frame& frame, const Clock* clock);
   void tap();
   void reset();
+  // Takes over a change of the map's coordinates; by itself at every frame, and to be called after one in between.
+  void follow_map();
 
  private:
   struct Candidate {  // a map point that should be visible
@@ -46,7 +48,8 @@ class Tracker {
   void select_points(const SE3& T_cw, const Vector6f& velocity);
   void track_with_map(float dt_s, TrackResult* result);
   void relocalise(TrackResult* result);
-  void track_initialiser(TrackResult* result);
+  void track_initialiser(float dt_s, TrackResult* result);
+  bool wants_start(float dt_s);
   void update_partial_points(TrackResult* result);
   bool wants_keyframe(const MapTracking& tracking) const;
   void queue_keyframe();
@@ -71,7 +74,8 @@ class Tracker {
   TrackingState state_ = TrackingState::kWaiting;
   Hint hint_ = Hint::kTap;
   bool tap_pending_ = false;
-  bool gap_ = false;  // the last frame is too long ago for its motion to tell anything
+  float steady_s_ = 0;  // for how long the camera has been held still, while waiting
+  bool gap_ = false;    // the last frame is too long ago for its motion to tell anything
 
   // Camera state.
   SE3 T_cw_;                              // last believed or predicted pose

@@ -61,6 +61,23 @@ void print_rows(const std::vector<SummaryRow>& rows) {
   }
 }
 
+void print_table(const std::vector<std::string>& heads, const std::vector<std::vector<std::string>>& rows) {
+  std::vector<size_t> widths;
+  for (const std::string& head : heads) widths.push_back(head.size());
+  for (const std::vector<std::string>& row : rows) {
+    for (size_t c = 0; c < std::min(row.size(), widths.size()); ++c) widths[c] = std::max(widths[c], row[c].size());
+  }
+  const auto print = [&](const std::vector<std::string>& row) {
+    for (size_t c = 0; c < row.size(); ++c) {
+      const int width = c < widths.size() ? static_cast<int>(widths[c]) : 0;
+      std::printf("%s%*s", c == 0 ? "" : "  ", c == 0 ? -width : width, row[c].c_str());
+    }
+    std::printf("\n");
+  };
+  print(heads);
+  for (const std::vector<std::string>& row : rows) print(row);
+}
+
 void print_warning(const std::string& text) {
   std::fprintf(stderr, "pocket-ptam: %s %s\n", coloured(STDERR_FILENO, "33", "warning:").c_str(),
                one_line(text).c_str());

@@ -27,6 +27,9 @@ class Progress {
 };
 
 void print_rows(const std::vector<SummaryRow>& rows);
+// Columns as wide as they need, the first one left-aligned; cells beyond the heads follow as they are, an empty row is
+// a blank line.
+void print_table(const std::vector<std::string>& heads, const std::vector<std::vector<std::string>>& rows);
 void print_warning(const std::string& text);
 void print_error(const std::string& text);  // one line, whatever text holds
 

@@ -10,9 +10,11 @@
 #include "platform/app/overlay.h"
 #include "platform/app/report.h"
 #include "platform/app/run.h"
+#include "platform/app/study.h"
 #include "platform/app/suite.h"
 #include "platform/camera/dump_sequence.h"
 #include "platform/camera/recorded_camera.h"
+#include "sim_phone/motion.h"
 #include "sim_phone/phone_camera.h"
 
 namespace {
@@ -191,6 +193,13 @@ void add_run_options(CLI::App* command, RunOptions* run, OutputOptions* output) 
       ->type_name("SECONDS")
       ->expected(1)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
+  command->add_flag("--auto-start", run->auto_start,
+                    "No tap: start when the camera is held still, again after failures");
+  command
+      ->add_option("--plane-distance", run->plane_distance,
+                   "Of the first view from the dominant plane, in any unit: sets the map's scale")
+      ->check(CLI::Range(0.001, 1000.0))
+      ->type_name("LENGTH");
   command->add_flag("--no-overlay", output->no_overlay, "No overlay.mp4 and stills");
   command->add_flag("--no-report", output->no_report, "No report.html");
 }
@@ -214,6 +223,8 @@ int run_program(int argc, char** argv) {
   sim::PhoneOptions phone;
   bool no_noise = false;
   bool suite = false;
+  std::string study;
+  StudyOptions study_options;
   int seeds = 5;
   int jobs = 1;
   std::string dump;
@@ -224,10 +235,13 @@ int run_program(int argc, char** argv) {
   };
   CLI::Option* scene_option =
       sim->add_option("--scene", phone.scene, listed(sim::scene_names()))->capture_default_str()->type_name("NAME");
-  sim->add_option("--motion", phone.motion, listed(sim::motion_names()))->capture_default_str()->type_name("NAME");
+  std::vector<std::string> motions = sim::motion_names();
+  for (const std::string& name : sim::start_names()) motions.push_back(name);
+  sim->add_option("--motion", phone.motion, listed(motions))->capture_default_str()->type_name("NAME");
   sim->add_option("--seed", phone.seed, "Of the scene's details, the motion and the noise")
       ->capture_default_str()
       ->type_name("N");
+  sim->add_option("--scene-seed", phone.scene_seed, "Of the scene's details alone [the seed]")->type_name("N");
   sim->add_option("--duration", phone.duration_s, "Length of the sequence")
       ->capture_default_str()
       ->type_name("SECONDS");
@@ -241,23 +255,31 @@ int run_program(int argc, char** argv) {
   sim->add_option("--dump", dump, "Only write the sequence, in TUM layout")->type_name("DIR");
   CLI::Option* suite_flag =
       sim->add_flag("--suite", suite, "Scenes desk, boxes and walls with several seeds, as a table");
-  sim->add_option("--seeds", seeds, "Seeds of each scene, for --suite")
-      ->capture_default_str()
-      ->needs(suite_flag)
-      ->check(CLI::Range(1, 1000))
-      ->type_name("N");
-  sim->add_option("--jobs", jobs, "Threads, for --suite")
-      ->capture_default_str()
-      ->needs(suite_flag)
-      ->check(CLI::Range(1, 256))
-      ->type_name("N");
+  CLI::Option* study_option =
+      sim->add_option("--study", study, "init: many short starts of several kinds, as a table and plots")
+          ->type_name("NAME")
+          ->excludes(suite_flag);
+  sim->add_option("--kind", study_options.kinds, listed(study_kinds()) + "; may be repeated, for --study [all]")
+      ->type_name("NAME")
+      ->expected(1)
+      ->needs(study_option)
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
+  CLI::Option* seeds_option = sim->add_option("--seeds", seeds, "Seeds of each scene or kind, for --suite and --study")
+                                  ->capture_default_str()
+                                  ->check(CLI::Range(1, 1000))
+                                  ->type_name("N");
+  CLI::Option* jobs_option = sim->add_option("--jobs", jobs, "Threads, for --suite and --study")
+                                 ->capture_default_str()
+                                 ->check(CLI::Range(1, 256))
+                                 ->type_name("N");
   add_run_options(sim, &run, &output);
   sim->footer(
       "Examples:\n"
       "  pocket-ptam sim --scene boxes --seed 3 --out out/boxes3\n"
       "  pocket-ptam sim --readout rows:+:0.030 --fps 30   another phone's shutter\n"
       "  pocket-ptam sim --dump /tmp/desk                  a sequence for other programs\n"
-      "  pocket-ptam sim --suite --seeds 5 --jobs 2");
+      "  pocket-ptam sim --suite --seeds 5 --jobs 2\n"
+      "  pocket-ptam sim --study init --seeds 20 --jobs 2");
 
   CLI::App* replay = app.add_subcommand("replay", "Run on a recorded sequence");
   platform::RecordingOptions recording;
@@ -322,6 +344,17 @@ int run_program(int argc, char** argv) {
       options.version = PPTAM_VERSION;
       return run_suite(options) == 0 ? kExitOk : kExitBroken;
     }
+    if (!study.empty()) {
+      if (study != "init") throw InputError("--study " + study + ": there is only init");
+      study_options.seeds = seeds;
+      study_options.jobs = jobs;
+      study_options.out = output.out.empty() ? "out/study" : output.out;
+      study_options.command = command;
+      study_options.version = PPTAM_VERSION;
+      return run_study(study_options) == 0 ? kExitOk : kExitBroken;
+    }
+    if (!suite && (seeds_option->count() > 0 || jobs_option->count() > 0))
+      throw InputError("--seeds and --jobs belong to --suite or --study");
     const std::unique_ptr<platform::Camera> camera = sim::make_phone_camera(phone);
     if (!dump.empty()) {
       static Progress* progress = nullptr;

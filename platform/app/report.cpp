@@ -249,6 +249,14 @@ std::string limits_of(const RunLog& log) {
 
 }  // namespace
 
+std::string plot_svg(int width, int height, const std::string& script) {
+  return run_gnuplot(plot_head(width, height) + script);
+}
+
+std::string svg_tag(const std::string& svg, const std::string& alt) {
+  return image_tag("image/svg+xml", svg, alt);
+}
+
 std::string format(const char* pattern, ...) {
   va_list arguments;
   va_start(arguments, pattern);

@@ -36,6 +36,10 @@ std::string html_head(const std::string& title);
 // Throws InputError when the file cannot be written.
 void write_file(const std::filesystem::path& file, const std::string& content);
 
+// A gnuplot script's picture in the house style, as SVG, and its HTML tag. Throws InputError without gnuplot.
+std::string plot_svg(int width, int height, const std::string& script);
+std::string svg_tag(const std::string& svg, const std::string& alt);
+
 // Estimate and truth from above and from the side, after alignment, as SVG. Throws InputError without gnuplot.
 std::string plot_trajectories(const Evaluation& evaluation, const platform::Trajectory& truth);
 

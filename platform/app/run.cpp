@@ -121,9 +121,12 @@ FrameLog log_of(const TrackResult& result) {
 // Decides when the user taps.
 class Taps {
  public:
-  explicit Taps(std::vector<double> taps_s) : taps_s_(std::move(taps_s)) { std::sort(taps_s_.begin(), taps_s_.end()); }
+  Taps(std::vector<double> taps_s, bool by_itself) : taps_s_(std::move(taps_s)), by_itself_(by_itself) {
+    std::sort(taps_s_.begin(), taps_s_.end());
+  }
 
   bool due(double seconds, const RunLog& log) {
+    if (taps_s_.empty() && by_itself_) return false;
     if (taps_s_.empty()) return log.frames.empty() || log.frames.back().state == TrackingState::kWaiting;
     bool due = false;
     for (; next_ < taps_s_.size() && taps_s_[next_] <= seconds; ++next_) due = true;
@@ -132,6 +135,7 @@ class Taps {
 
  private:
   std::vector<double> taps_s_;
+  bool by_itself_;
   size_t next_ = 0;
 };
 
@@ -193,7 +197,9 @@ RunLog run_sequence(platform::Camera& camera, const RunOptions& options, const S
   RunLog log;
   log.camera = camera.info();
   log.clock = options.clock;
-  const Config config = config_for(log.camera);
+  Config config = config_for(log.camera);
+  config.auto_start = options.auto_start;
+  config.initial_plane_distance = static_cast<float>(options.plane_distance);
   Status status = config.validate();
   if (!status.ok()) throw InputError(log.camera.name + ": the camera cannot be used: " + status.message());
   const size_t bytes = System::required_bytes(config);
@@ -208,7 +214,7 @@ RunLog run_sequence(platform::Camera& camera, const RunOptions& options, const S
   LookAhead source(camera, &log.broken);
   if (!source.advance()) throw InputError(log.camera.name + ": holds no images");
   on_start(log.camera);
-  Taps taps(options.taps_s);
+  Taps taps(options.taps_s, options.auto_start);
   const int64_t first_timestamp_ns = source.current().timestamp_ns;
   const int64_t origin_ns = clock->now_ns() - first_timestamp_ns;
   auto* const throttled = dynamic_cast<ThrottledClock*>(clock.get());
@@ -353,6 +359,8 @@ const char* name_of(Hint hint) {
       return "none";
     case Hint::kTap:
       return "tap";
+    case Hint::kHoldStill:
+      return "hold_still";
     case Hint::kMoveSideways:
       return "move_sideways";
     case Hint::kOnlyRotating:
@@ -375,6 +383,8 @@ const char* sentence_for(Hint hint) {
       return "";
     case Hint::kTap:
       return "tap to start";
+    case Hint::kHoldStill:
+      return "hold still";
     case Hint::kMoveSideways:
       return "move sideways";
     case Hint::kOnlyRotating:

@@ -28,6 +28,8 @@ struct RunOptions {
   bool drop_late = true;
   // Seconds after the first frame. Empty: at the first frame, and again whenever initialisation has failed.
   std::vector<double> taps_s;
+  bool auto_start = false;    // no taps but those of taps_s: Config::auto_start
+  double plane_distance = 0;  // Config::initial_plane_distance
 };
 
 struct FrameLog {

@@ -124,35 +124,21 @@ void append_summaries(const std::string& scene, std::vector<Row>* rows) {
   rows->push_back(worst);
 }
 
-void print_table(const std::vector<Row>& rows) {
-  std::vector<size_t> widths(kColumns);
-  std::vector<std::string> heads;
-  for (int c = 0; c < kColumns; ++c) {
-    heads.push_back(std::string(kTable[c].name) + (*kTable[c].unit != '\0' ? std::string(" ") + kTable[c].unit : ""));
-    widths[static_cast<size_t>(c)] = heads.back().size();
-    for (const Row& row : rows) {
-      widths[static_cast<size_t>(c)] = std::max(widths[static_cast<size_t>(c)], cell(row, c).size());
-    }
-  }
-  size_t name_width = 3;
-  for (const Row& row : rows) name_width = std::max(name_width, row.name.size());
-  const int first_width = static_cast<int>(name_width);
-  std::printf("%-*s", first_width, "run");
-  for (int c = 0; c < kColumns; ++c) {
-    std::printf("  %*s", static_cast<int>(widths[static_cast<size_t>(c)]), heads[static_cast<size_t>(c)].c_str());
-  }
-  std::printf("\n");
+void print_suite(const std::vector<Row>& rows) {
+  std::vector<std::string> heads = {"run"};
+  for (const Column& column : kTable)
+    heads.push_back(std::string(column.name) + (*column.unit != '\0' ? std::string(" ") + column.unit : ""));
+  std::vector<std::vector<std::string>> cells;
   bool after_summary = false;
   for (const Row& row : rows) {
-    if (after_summary && !row.summary) std::printf("\n");
+    if (after_summary && !row.summary) cells.emplace_back();
     after_summary = row.summary;
-    std::printf("%-*s", first_width, row.name.c_str());
-    for (int c = 0; c < kColumns; ++c) {
-      std::printf("  %*s", static_cast<int>(widths[static_cast<size_t>(c)]), cell(row, c).c_str());
-    }
-    if (!row.trouble.empty()) std::printf("  %s", row.trouble.c_str());
-    std::printf("\n");
+    std::vector<std::string>& line = cells.emplace_back();
+    line.push_back(row.name);
+    for (int c = 0; c < kColumns; ++c) line.push_back(cell(row, c));
+    if (!row.trouble.empty()) line.push_back(row.trouble);
   }
+  print_table(heads, cells);
 }
 
 std::string csv_of(const std::vector<Row>& rows) {
@@ -198,6 +184,26 @@ bool ground_plane_known(const std::string& scene) {
   return scene == "desk" || scene == "boxes";
 }
 
+void run_jobs(int threads, size_t count, const std::function<std::string(size_t)>& job) {
+  std::atomic<size_t> next = 0;
+  std::mutex mutex;
+  Progress progress;
+  size_t done = 0;
+  const auto worker = [&] {
+    for (;;) {
+      const size_t i = next++;
+      if (i >= count) return;
+      const std::string text = job(i);
+      const std::lock_guard lock(mutex);
+      progress.show(static_cast<int>(++done), static_cast<int>(count), text);
+    }
+  };
+  std::vector<std::thread> workers;
+  for (int i = 0; i < threads; ++i) workers.emplace_back(worker);
+  for (std::thread& thread : workers) thread.join();
+  progress.finish();
+}
+
 int run_suite(const SuiteOptions& options) {
   for (const std::string& scene : options.scenes) {  // refuses bad options before hours of work
     sim::PhoneOptions phone = options.phone;
@@ -210,24 +216,10 @@ int run_suite(const SuiteOptions& options) {
 
   const size_t seeds = static_cast<size_t>(options.seeds);
   std::vector<Row> runs(options.scenes.size() * seeds);
-  std::atomic<size_t> next = 0;
-  std::mutex mutex;
-  Progress progress;
-  size_t done = 0;
-  const auto worker = [&] {
-    for (;;) {
-      const size_t i = next++;
-      if (i >= runs.size()) return;
-      Row row = run_one(options, options.scenes[i / seeds], i % seeds + 1);
-      const std::lock_guard lock(mutex);
-      runs[i] = std::move(row);
-      progress.show(static_cast<int>(++done), static_cast<int>(runs.size()), "finished " + runs[i].name);
-    }
-  };
-  std::vector<std::thread> threads;
-  for (int i = 0; i < options.jobs; ++i) threads.emplace_back(worker);
-  for (std::thread& thread : threads) thread.join();
-  progress.finish();
+  run_jobs(options.jobs, runs.size(), [&](size_t i) {
+    runs[i] = run_one(options, options.scenes[i / seeds], i % seeds + 1);
+    return "finished " + runs[i].name;
+  });
 
   std::vector<Row> rows;
   int broken = 0;
@@ -238,7 +230,7 @@ int run_suite(const SuiteOptions& options) {
     }
     append_summaries(options.scenes[s], &rows);
   }
-  print_table(rows);
+  print_suite(rows);
   write_file(options.out / "suite.csv", csv_of(rows));
   write_file(options.out / "suite.html", html_of(rows, options));
   std::printf("\nwritten to %s: suite.csv suite.html\n", options.out.string().c_str());

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -23,6 +24,9 @@ struct SuiteOptions {
 // Prints the table; throws InputError on options that make no sense, before anything is written. Returns the number of
 // runs that broke.
 int run_suite(const SuiteOptions& options);
+
+// job(0) to job(count - 1) on so many threads; each returns what the progress line shall say when it is done.
+void run_jobs(int threads, size_t count, const std::function<std::string(size_t)>& job);
 
 // Is the truth's z = 0 the dominant plane of this scene?
 bool ground_plane_known(const std::string& scene);

@@ -109,6 +109,11 @@ TEST_F(Program, BadInputIsOneLineThatNamesItAndLeavesNothingBehind) {
       {"sim --seeds 3 --out o", "--suite"},
       {"sim --suite --jobs 0 --out o", "jobs"},
       {"sim --suite --scene moon --out o", "moon"},
+      {"sim --study life --out o", "life"},
+      {"sim --study init --kind sphere --out o", "sphere"},
+      {"sim --study init --suite --out o", "--suite"},
+      {"sim --kind planar --out o", "--study"},
+      {"sim --plane-distance 0 --out o", "plane-distance"},
       {"sim --duration 1 --out good.txt", "good.txt"},
       {"replay", "source"},
       {"replay nowhere --out o", "nowhere"},
@@ -132,6 +137,24 @@ TEST_F(Program, BadInputIsOneLineThatNamesItAndLeavesNothingBehind) {
     EXPECT_FALSE(fs::exists(folder_ / "o")) << bad.arguments;
     EXPECT_FALSE(fs::exists(folder_ / "out")) << bad.arguments;
   }
+}
+
+TEST_F(Program, AStudyNamesHowToRepeatEachTrial) {
+  const Answer study = run("sim --study init --kind planar --seeds 1 --out o");
+  EXPECT_EQ(study.code, 0) << study.err;
+  EXPECT_TRUE(contains(study.out, "planar")) << study.out;
+  EXPECT_TRUE(fs::exists(folder_ / "o/study.html"));
+  std::istringstream csv(read_all(folder_ / "o/study.csv"));
+  std::string heads, row;
+  std::getline(csv, heads);
+  std::getline(csv, row);
+  EXPECT_EQ(std::count(heads.begin(), heads.end(), ','), std::count(row.begin(), row.end(), ',')) << row;
+  const size_t from = row.find("--scene");
+  ASSERT_NE(from, std::string::npos) << row;
+  const Answer trial =
+      run("sim --duration 1 --no-overlay --no-report --out t " + row.substr(from, row.find(',', from) - from));
+  EXPECT_EQ(trial.code, 0) << trial.err;
+  EXPECT_TRUE(contains(trial.out, "plane, start, seed 1")) << trial.out;
 }
 
 // A CSV without the columns whose name ends in _us: those hold times.

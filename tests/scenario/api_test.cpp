@@ -153,6 +153,8 @@ TEST(Api, AbsurdConfigurationsAreRefused) {
       [](Config& c) { c.initial_baseline = 0; },
       [](Config& c) { c.initial_baseline = kNan; },
       [](Config& c) { c.initial_baseline = -0.1f; },
+      [](Config& c) { c.initial_plane_distance = -1; },
+      [](Config& c) { c.initial_plane_distance = kNan; },
       [](Config& c) { c.min_keyframe_interval_s = -1; },
       [](Config& c) { c.min_keyframe_interval_s = kNan; },
       [](Config& c) { c.profile.clock_mhz = 0; },

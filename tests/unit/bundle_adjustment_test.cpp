@@ -81,6 +81,7 @@ class World {
     Arena arena({static_cast<std::byte*>(start), measure.used()});
     build(arena);
     fill(problem);
+    map_->ready = true;  // shown already: its scale is free
   }
 
   Map& map() { return *map_; }
@@ -377,6 +378,29 @@ TEST(BundleAdjustment, VelocitiesDuringTheReadoutAreRecovered) {
   EXPECT_LT(with, 2 * 1.8e-3);
   RecordProperty("without_to_with", std::to_string(without / with));
   EXPECT_GT(without, 3 * with);
+}
+
+// A map that is not shown yet keeps the distance from its first keyframe to its last; a finished one does not.
+TEST(BundleAdjustment, AnUnfinishedMapKeepsItsScale) {
+  test::Random random;
+  Problem problem = disturbed();
+  problem.noise = 0.3;
+  for (const bool ready : {false, true}) {
+    World world(problem, random.seed());
+    world.map().ready = ready;
+    const auto length = [&] {
+      const Map& map = world.map();
+      return (map.keyframes[map.keyframes.size() - 1].T_kw.centre() - map.keyframes[0].T_kw.centre()).norm();
+    };
+    const float before = length();
+    world.run();
+    // Up to 30 steps, each rounded to float32: 30 * 6e-8, and as much again by the poses' composition.
+    if (ready) {
+      EXPECT_GT(std::abs(length() / before - 1), 1e-4f);
+    } else {
+      EXPECT_LT(std::abs(length() / before - 1), 1e-5f);
+    }
+  }
 }
 
 TEST(BundleAdjustment, TheSameBitsHoweverItIsCut) {
