@@ -95,24 +95,29 @@ Task Mapper::run() {
   }
 }
 
+// What is measured in a keyframe, at most so many, into pose_points_.
+void Mapper::gather_pose_points(int keyframe, int most) {
+  pose_points_.clear();
+  for (const MapPoint& point : map_.points) {
+    if (point.id == 0) continue;
+    for (const Measurement& m : point.measurements) {
+      if (m.keyframe != keyframe || pose_points_.size() >= most) continue;
+      PosePoint p;
+      p.p_w = point.p_w;
+      p.px = m.px;
+      p.sigma = m.sigma;
+      pose_points_.push_back(p);
+    }
+  }
+}
+
 // Poses of the initial views between the first and the last, backwards, each starting at its successor's; then the
 // velocities from their differences.
 Task Mapper::locate_initial_views(bool* good) {
   *good = true;
   const int count = map_.keyframes.size();
   for (int k = count - 2; k > 0; --k) {
-    pose_points_.clear();
-    for (const MapPoint& point : map_.points) {
-      if (point.id == 0 || pose_points_.size() == kLocatingPoints) continue;
-      for (const Measurement& m : point.measurements) {
-        if (m.keyframe != k) continue;
-        PosePoint p;
-        p.p_w = point.p_w;
-        p.px = m.px;
-        p.sigma = m.sigma;
-        pose_points_.push_back(p);
-      }
-    }
+    gather_pose_points(k, kLocatingPoints);
     VelocityPrior prior;
     prior.sigma_translation = kInitialVelocitySigmaTranslation * map_.keyframes[k].mean_depth;
     prior.sigma_rotation = kInitialVelocitySigmaRotation;
@@ -423,18 +428,7 @@ Task Mapper::update_velocities() {
   if (config_.shutter.line_time_s == 0) co_return;
   for (int k = 0; k < map_.keyframes.size(); ++k) {
     Keyframe& keyframe = map_.keyframes[k];
-    pose_points_.clear();
-    for (const MapPoint& point : map_.points) {
-      if (point.id == 0) continue;
-      for (const Measurement& m : point.measurements) {
-        if (m.keyframe != k) continue;
-        PosePoint p;
-        p.p_w = point.p_w;
-        p.px = m.px;
-        p.sigma = m.sigma;
-        pose_points_.push_back(p);
-      }
-    }
+    gather_pose_points(k, pose_points_.capacity());
     VelocityPrior prior;
     prior.mean = keyframe.velocity_prior;
     prior.sigma_translation = kVelocitySigmaTranslation * keyframe.mean_depth;

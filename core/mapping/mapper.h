@@ -30,6 +30,7 @@ class Mapper : public Background {
   Task add_partial_points(int keyframe);
   Task update_velocities();
   Task discard_unreliable_points();
+  void gather_pose_points(int keyframe, int most);
   bool align_to_dominant_plane();
   // Where the point appears in the keyframe, rolling shutter included.
   bool predict_in_keyframe(int keyframe, const Vector3f& p_w, Vector2f* px, SE3* T_line) const;

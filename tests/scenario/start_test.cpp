@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "platform/app/study.h"
-#include "tests/scenario/recording.h"
+#include "tests/support/recording.h"
 #include "tests/support/random.h"
 
 namespace pptam {
