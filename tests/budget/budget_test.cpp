@@ -36,7 +36,7 @@ using test::Region;
 const Recording& recording() {
   static const Recording made = [] {
     sim::PhoneOptions options;
-    options.duration_s = 5;
+    options.duration_s = 6;
     return test::record(options);
   }();
   return made;
@@ -66,7 +66,7 @@ struct Parts {
   }
   // As much idle time as the phone has between two frames, in slices.
   void map_a_while() {
-    constexpr int kSlices = 40;
+    constexpr int kSlices = 60;  // of 0.25 million instructions: 15 of the 18 million between frames
     for (int i = 0; i < kSlices && mapper->has_work(); ++i) mapper->work_slice();
   }
   Config config;
@@ -113,9 +113,9 @@ Hashes run_and_hash(int changed_frame) {
 TEST(Bits, AreTheSameOnEveryTarget) {
   const Hashes hashes = run_and_hash(-1);
   EXPECT_GT(hashes.poses, 25) << "the run must have a map, or nothing is compared";
-  ASSERT_EQ(hashes.frames, 0x2df4643782c80105u)
+  ASSERT_EQ(hashes.frames, 0xec03541461a0277bu)
       << "the emulated phone's images differ: nothing can be said of the library";
-  EXPECT_EQ(hashes.results, 0x35c226f1719c9645u);
+  EXPECT_EQ(hashes.results, 0x601b332354d53796u);
 #ifndef __arm__  // minutes in emulation
   EXPECT_NE(run_and_hash(10).results, hashes.results) << "control: one pixel of one early frame";
 #endif
