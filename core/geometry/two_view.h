@@ -34,8 +34,9 @@ struct RelativePose {
 
 // Refines a relative pose by Gauss-Newton on Tukey-weighted Sampson distances
 //   e = x2^T [t]x R x1 / sqrt(|(E x1)_xy|^2 + |(E^T x2)_xy|^2),
-// five parameters (rotation, direction of t), at most `steps` iterations. scratch: at least as long as the correspondences. The
-// sign of t is the one that puts most points in front of both cameras. Not ok with fewer than 8 inliers.
+// five parameters (rotation, direction of t), at most `steps` iterations. scratch: at least as long as the
+// correspondences. The sign of t is the one that puts most points in front of both cameras. Not ok with fewer than 8
+// inliers.
 RelativePose refine_relative_pose(std::span<const Correspondence> correspondences, const SE3& T_start, int steps,
                                   float sigma_floor, std::span<float> scratch);
 

@@ -48,7 +48,7 @@ float shi_tomasi_score(const GreyView& image, int x, int y);
 //   while (detector.next(&corner)) ...
 //
 // The order is fixed: by turns from the buckets, the strongest in L2 first. Two corners are never closer than 6 level-0
-// pixels. The pyramid must stay as it is until the last call. No allocation; memory is about 18 bytes for each L2
+// pixels. The pyramid must stay as it is until the last call. No allocation; memory is about 10 bytes for each L2
 // pixel.
 class CornerDetector {
  public:

@@ -434,7 +434,6 @@ Task BundleAdjuster::evaluate_step() {
   }
 }
 
-// One accepted step, as a whole, into the map.
 // Scales the new state about the first camera so that the last one stays as far from it as it was.
 void BundleAdjuster::hold_scale() {
   const Vector3f origin = cameras_[0].T.centre();
@@ -450,6 +449,7 @@ void BundleAdjuster::hold_scale() {
   for (Point& point : points_) point.p_new = origin + scale * (point.p_new - origin);
 }
 
+// One accepted step, as a whole, into the map.
 void BundleAdjuster::commit() {
   // A map that is not shown yet drifts in scale, which nothing else holds; the tracker follows it with a pose of the
   // scale that it was built with.
