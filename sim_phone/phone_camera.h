@@ -13,6 +13,7 @@
 namespace pptam::sim {
 
 struct PhoneOptions {
+  std::string story;                   // one of stories() (sim_phone/story.h): its scene and motion; empty: these two
   std::string scene = "desk";          // one of scene_names()
   std::string motion = "calm";         // one of motion_names() or start_names() (sim_phone/motion.h)
   uint64_t seed = 1;                   // of the scene's details, the hand's motion and the sensor's noise
@@ -29,7 +30,8 @@ struct PhoneOptions {
   double drop_probability = 0;  // of each frame
 };
 
-std::vector<std::string> scene_names();  // "desk", "boxes", "walls", "checkerboard", "plane", "clutter"
+std::vector<std::string>
+scene_names();  // "desk", "boxes", "walls", "checkerboard", "plane", "clutter", "sparse", "tiles"
 // "calm": hold still, move sideways, then explore. "shaky": the same with four times the tremor. "still": as on a
 // tripod. "pure_rotation": turns about a fixed point.
 std::vector<std::string> motion_names();
