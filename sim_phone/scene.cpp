@@ -332,7 +332,8 @@ void scatter_things(Canvas& canvas, double pitch, double probability, Random& ra
   }
 }
 
-// A plain painted table with a few small things: most of every view is bare.
+// A plain painted table with one sheet of paper in the middle and a few small things: most of nearly every view is
+// bare.
 Scene make_sparse(uint64_t seed) {
   Random random(seed, 6);
   Scene scene;
@@ -345,7 +346,9 @@ Scene make_sparse(uint64_t seed) {
     const float n = value_noise(static_cast<float>(6 * x), static_cast<float>(6 * y), noise);
     return Ink{base * (0.97 + 0.06 * static_cast<double>(n)), 1};
   });
-  scatter_things(canvas, random.uniform(0.13, 0.15), 0.8, random);
+  page(canvas, Place(0.5 * kTableSize_m, 0.5 * kTableSize_m, random.uniform(0, 2 * std::numbers::pi)), 0.148, 0.21,
+       random);
+  scatter_things(canvas, random.uniform(0.12, 0.14), 0.8, random);
   uneven_light(canvas, random);
   const double half = 0.5 * kTableSize_m;
   scene.surfaces.push_back(surface_of(canvas, {-half, half, 0}, Vector3d::UnitX(), -Vector3d::UnitY(), light));
