@@ -26,31 +26,6 @@ void require(bool good, const std::string& message) {
   if (!good) throw InputError("emulated phone: " + message);
 }
 
-// Written so that NaN fails.
-void check(const PhoneOptions& o) {
-  const auto known = [](const std::string& name, const std::vector<std::string>& names) {
-    return std::find(names.begin(), names.end(), name) != names.end();
-  };
-  if (!o.story.empty()) {
-    std::vector<std::string> names;
-    for (const StoryKind& kind : stories()) names.push_back(kind.name);
-    require(known(o.story, names), "story '" + o.story + "' is unknown; choose one of " + joined(names));
-  }
-  require(known(o.scene, scene_names()), "scene '" + o.scene + "' is unknown; choose one of " + joined(scene_names()));
-  std::vector<std::string> motions = motion_names();
-  for (const std::string& name : start_names()) motions.push_back(name);
-  require(known(o.motion, motions), "motion '" + o.motion + "' is unknown; choose one of " + joined(motions));
-  require(o.duration_s > 0 && o.duration_s <= 3600, "duration_s must be over 0 and at most 3600 seconds");
-  require(o.width >= 32 && o.width <= 4096, "width must be from 32 to 4096 pixels");
-  require(o.height >= 32 && o.height <= 4096, "height must be from 32 to 4096 pixels");
-  require(o.horizontal_fov_degrees >= 5 && o.horizontal_fov_degrees <= 120,
-          "horizontal_fov_degrees must be from 5 to 120 degrees");
-  require(o.frames_per_s >= 1 && o.frames_per_s <= 240, "frames_per_s must be from 1 to 240");
-  require(std::abs(o.readout_s) <= 1 / o.frames_per_s, "readout_s must not be longer than a frame's period");
-  require(o.exposure_s >= 0 && o.exposure_s <= 1 / o.frames_per_s, "exposure_s must be from 0 to a frame's period");
-  require(o.drop_probability >= 0 && o.drop_probability < 1, "drop_probability must be from 0 to under 1");
-}
-
 SensorOptions sensor_for(const PhoneOptions& options, const platform::CameraInfo& info, const Story& story) {
   SensorOptions sensor;
   sensor.model = info.model;
@@ -139,8 +114,33 @@ class PhoneCamera : public platform::Camera {
 
 }  // namespace
 
+// Written so that NaN fails.
+void check_phone_options(const PhoneOptions& o) {
+  const auto known = [](const std::string& name, const std::vector<std::string>& names) {
+    return std::find(names.begin(), names.end(), name) != names.end();
+  };
+  if (!o.story.empty()) {
+    std::vector<std::string> names;
+    for (const StoryKind& kind : stories()) names.push_back(kind.name);
+    require(known(o.story, names), "story '" + o.story + "' is unknown; choose one of " + joined(names));
+  }
+  require(known(o.scene, scene_names()), "scene '" + o.scene + "' is unknown; choose one of " + joined(scene_names()));
+  std::vector<std::string> motions = motion_names();
+  for (const std::string& name : start_names()) motions.push_back(name);
+  require(known(o.motion, motions), "motion '" + o.motion + "' is unknown; choose one of " + joined(motions));
+  require(o.duration_s > 0 && o.duration_s <= 3600, "duration_s must be over 0 and at most 3600 seconds");
+  require(o.width >= 32 && o.width <= 4096, "width must be from 32 to 4096 pixels");
+  require(o.height >= 32 && o.height <= 4096, "height must be from 32 to 4096 pixels");
+  require(o.horizontal_fov_degrees >= 5 && o.horizontal_fov_degrees <= 120,
+          "horizontal_fov_degrees must be from 5 to 120 degrees");
+  require(o.frames_per_s >= 1 && o.frames_per_s <= 240, "frames_per_s must be from 1 to 240");
+  require(std::abs(o.readout_s) <= 1 / o.frames_per_s, "readout_s must not be longer than a frame's period");
+  require(o.exposure_s >= 0 && o.exposure_s <= 1 / o.frames_per_s, "exposure_s must be from 0 to a frame's period");
+  require(o.drop_probability >= 0 && o.drop_probability < 1, "drop_probability must be from 0 to under 1");
+}
+
 std::unique_ptr<platform::Camera> make_phone_camera(const PhoneOptions& options, std::shared_ptr<const Scene> scene) {
-  check(options);
+  check_phone_options(options);
   return std::make_unique<PhoneCamera>(options, std::move(scene));
 }
 

@@ -36,7 +36,9 @@ scene_names();  // "desk", "boxes", "walls", "checkerboard", "plane", "clutter",
 // tripod. "pure_rotation": turns about a fixed point.
 std::vector<std::string> motion_names();
 
-// Throws platform::InputError on options that make no sense, naming the option. scene: the one that the options ask
+// Throws platform::InputError on options that make no sense, naming the option.
+void check_phone_options(const PhoneOptions& options);
+// Checks likewise. scene: the one that the options ask
 // for, when it has been painted before.
 std::unique_ptr<platform::Camera> make_phone_camera(const PhoneOptions& options,
                                                     std::shared_ptr<const Scene> scene = nullptr);

@@ -1,8 +1,9 @@
 #include "sim_phone/story.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
+#include <map>
+#include <utility>
 
 #include "sim_phone/hand.h"
 #include "sim_phone/paint.h"
@@ -13,22 +14,17 @@ namespace {
 
 using Eigen::Isometry3d;
 
-constexpr double kFrame_s = 1.0 / 15;
 constexpr double kExposure_s = 0.030;
 
 // Random streams: one for each story, so that no two begin alike.
 constexpr uint64_t kFirstStream = 60;
 
-// A story's hand with its first moves; shared by the curve once the moves are made.
-struct Told {
-  std::shared_ptr<Hand> hand;
-  MotionCurve curve() const {
-    return [hand = hand](double t_s) { return hand->at(t_s); };
-  }
-};
+std::shared_ptr<Hand> calm_hand(const View& first, uint64_t seed) {
+  return std::make_shared<Hand>(first, seed, 1.0);
+}
 
-Told tell(const View& view, uint64_t seed) {
-  return {std::make_shared<Hand>(view, seed, 1.0)};
+MotionCurve curve_of(std::shared_ptr<const Hand> hand) {
+  return [hand = std::move(hand)](double t_s) { return hand->at(t_s); };
 }
 
 // ---- orbit: round the table's middle, to one side, far to the other, and back ----
@@ -79,8 +75,8 @@ Story orbit(const Stage& stage, Random& random, uint64_t seed) {
 
 Story explore_and_return(const Stage& stage, Random& random, uint64_t seed) {
   const View first = first_view(stage, random);
-  const Told told = tell(first, seed);
-  Walk walk{stage, random, *told.hand, first};
+  const std::shared_ptr<Hand> hand = calm_hand(first, seed);
+  Walk walk{stage, random, *hand, first};
   walk.start_sideways();
   const double direction =
       stage.azimuth_rad + 0.5 * std::numbers::pi * random.sign() + random.uniform(-30, 30) * kDegree;
@@ -104,7 +100,7 @@ Story explore_and_return(const Stage& stage, Random& random, uint64_t seed) {
   for (int i = kSteps - 2; i >= 0; --i) go(way[static_cast<size_t>(i)]);
   go(first);
   Story story;
-  story.curve = told.curve();
+  story.curve = curve_of(hand);
   return story;
 }
 
@@ -119,8 +115,8 @@ Story zoom(const Stage& stage, Random& random, uint64_t seed) {
   const double y = random.uniform(-0.08, 0.08);
   const double begin_m = random.uniform(0.5, 0.65);
   const View first = table_view(stage, azimuth, slant, begin_m, {x, y, 0}, roll);
-  const Told told = tell(first, seed);
-  Walk walk{stage, random, *told.hand, first};
+  const std::shared_ptr<Hand> hand = calm_hand(first, seed);
+  Walk walk{stage, random, *hand, first};
   walk.start_sideways();
   walk.t_s += random.uniform(0.3, 0.8);
   // log distance by blends; at most a factor of 1.5 a second
@@ -140,7 +136,7 @@ Story zoom(const Stage& stage, Random& random, uint64_t seed) {
     t += length + random.uniform(0, 0.4);
   }
   Story story;
-  story.curve = [hand = told.hand, legs](double t_s) {
+  story.curve = [hand, legs](double t_s) {
     double log_factor = 0;
     for (const Leg& leg : legs) log_factor += leg.log_step * blend((t_s - leg.start_s) / leg.length_s);
     View view = hand->view_at(t_s);
@@ -154,8 +150,8 @@ Story zoom(const Stage& stage, Random& random, uint64_t seed) {
 
 Story shake(const Stage& stage, Random& random, uint64_t seed) {
   const View first = first_view(stage, random);
-  const Told told = tell(first, seed);
-  Walk walk{stage, random, *told.hand, first};
+  const std::shared_ptr<Hand> hand = calm_hand(first, seed);
+  Walk walk{stage, random, *hand, first};
   walk.start_sideways();
   struct Shaking {
     double from_s, to_s, amplitude, omega;
@@ -178,7 +174,7 @@ Story shake(const Stage& stage, Random& random, uint64_t seed) {
     walk.t_s = s.to_s + random.uniform(1.2, 1.8);  // then holds the view for a while
   }
   walk.explore(22, 20);
-  story.curve = [hand = told.hand, all](double t_s) {
+  story.curve = [hand, all](double t_s) {
     Isometry3d T = hand->at(t_s);
     for (const Shaking& s : all) {
       if (t_s <= s.from_s || t_s >= s.to_s) continue;
@@ -197,8 +193,8 @@ Story shake(const Stage& stage, Random& random, uint64_t seed) {
 
 Story cut(const Stage& stage, Random& random, uint64_t seed) {
   const View first = first_view(stage, random);
-  const Told told = tell(first, seed);
-  Walk walk{stage, random, *told.hand, first};
+  const std::shared_ptr<Hand> hand = calm_hand(first, seed);
+  Walk walk{stage, random, *hand, first};
   walk.start_sideways();
   const double start_over_s = walk.t_s;
   walk.explore(24, 20);
@@ -218,7 +214,7 @@ Story cut(const Stage& stage, Random& random, uint64_t seed) {
     double best_source = start_over_s, best_change = -1;
     for (int attempt = 0; attempt < 12; ++attempt) {
       const double source = random.uniform(start_over_s, known_until_s - 1);
-      const View a = told.hand->view_at(now_source), b = told.hand->view_at(source);
+      const View a = hand->view_at(now_source), b = hand->view_at(source);
       const double change = (a.target - b.target).norm() + (a.position - b.position).norm();
       if (change > best_change) {
         best_change = change;
@@ -241,7 +237,7 @@ Story cut(const Stage& stage, Random& random, uint64_t seed) {
     constexpr double kSlide_s = 0.06;  // a finger slides over the lens
     return 1 - 0.999 * blend((t_s - covered.from_s) / kSlide_s) * blend((covered.to_s - t_s) / kSlide_s);
   };
-  story.curve = [hand = told.hand, pieces](double t_s) {
+  story.curve = [hand, pieces](double t_s) {
     const Piece* piece = &pieces.front();
     for (const Piece& next : pieces) {
       if (t_s >= next.from_s) piece = &next;
@@ -271,8 +267,8 @@ Story standing_still(const Stage& stage, Random& random, uint64_t seed) {
     return view;
   };
   const View first = near(0.06);
-  const Told told = tell(first, seed);
-  Walk walk{stage, random, *told.hand, first};
+  const std::shared_ptr<Hand> hand = calm_hand(first, seed);
+  Walk walk{stage, random, *hand, first};
   walk.start_sideways();
   for (int i = 0; i < 2; ++i) {
     const View next = near(0.15);
@@ -289,7 +285,7 @@ Story standing_still(const Stage& stage, Random& random, uint64_t seed) {
   const Vector3d axis(std::cos(about), std::sin(about), 0);
   Story story;
   story.standstill = still;
-  story.curve = [hand = told.hand, still, step, axis](double t_s) {
+  story.curve = [hand, still, step, axis](double t_s) {
     const double rest = blend((t_s - (still.from_s - 0.5)) / 0.5);
     // After the rest has begun nothing depends on the time but the step.
     Isometry3d T = hand->unrest().applied(hand->view_at(std::min(t_s, still.from_s)).pose(),
@@ -308,8 +304,8 @@ Story standing_still(const Stage& stage, Random& random, uint64_t seed) {
 
 Story fast_pans(const Stage& stage, Random& random, uint64_t seed) {
   const View first = first_view(stage, random);
-  const Told told = tell(first, seed);
-  Walk walk{stage, random, *told.hand, first};
+  const std::shared_ptr<Hand> hand = calm_hand(first, seed);
+  Walk walk{stage, random, *hand, first};
   walk.start_sideways();
   walk.explore(6, 20);
   struct Pan {
@@ -331,7 +327,7 @@ Story fast_pans(const Stage& stage, Random& random, uint64_t seed) {
     walk.explore(walk.t_s + 0.1, 20);  // one calm move to somewhere else
   }
   Story story;
-  story.curve = [hand = told.hand, pans](double t_s) {
+  story.curve = [hand, pans](double t_s) {
     Isometry3d T = hand->at(t_s);
     for (const Pan& pan : pans) {
       const double angle = pan.angle * blend((t_s - pan.start_s) / pan.length_s);
@@ -344,12 +340,12 @@ Story fast_pans(const Stage& stage, Random& random, uint64_t seed) {
 
 // A calm story that begins at the given view.
 Story calm_from(const View& first, const Stage& stage, Random& random, uint64_t seed) {
-  const Told told = tell(first, seed);
-  Walk walk{stage, random, *told.hand, first};
+  const std::shared_ptr<Hand> hand = calm_hand(first, seed);
+  Walk walk{stage, random, *hand, first};
   walk.start_sideways();
   walk.explore(20, 20);
   Story story;
-  story.curve = told.curve();
+  story.curve = curve_of(hand);
   return story;
 }
 
@@ -523,28 +519,21 @@ Story make_story(const std::string& name, const Scene& scene, uint64_t seed) {
     story.move_s = start.move_s;
     return story;
   }
-  if (name == "orbit") {
-    story = orbit(stage, random, seed);
-  } else if (name == "explore_return") {
-    story = explore_and_return(stage, random, seed);
-  } else if (name == "zoom") {
-    story = zoom(stage, random, seed);
-  } else if (name == "shake") {
-    story = shake(stage, random, seed);
-  } else if (name == "cut") {
-    story = cut(stage, random, seed);
-  } else if (name == "static") {
-    story = standing_still(stage, random, seed);
-  } else if (name == "fast_pans") {
-    story = fast_pans(stage, random, seed);
-  } else if (name == "slanted_start") {
-    story = slanted_start(stage, random, seed);
-  } else if (name == "hand") {
-    story = hand_passing(stage, random, seed);
-  } else if (name == "lamps") {
-    story = lamps(stage, random, seed);
-  } else if (name == "dim") {
-    story = dim(stage, random, seed);
+  using Tell = Story (*)(const Stage&, Random&, uint64_t seed);
+  static const std::map<std::string, Tell> tellers = {{"orbit", orbit},
+                                                      {"explore_return", explore_and_return},
+                                                      {"zoom", zoom},
+                                                      {"shake", shake},
+                                                      {"cut", cut},
+                                                      {"static", standing_still},
+                                                      {"fast_pans", fast_pans},
+                                                      {"slanted_start", slanted_start},
+                                                      {"hand", hand_passing},
+                                                      {"lamps", lamps},
+                                                      {"dim", dim}};
+  const auto teller = tellers.find(name);
+  if (teller != tellers.end()) {
+    story = teller->second(stage, random, seed);
   } else {
     story.curve = make_motion("calm", stage, seed, kind->duration_s);
   }

@@ -1,10 +1,7 @@
 // Stories of the emulated phone: named runs with everything that happens to a hand-held camera, from a calm desk to a
 // hand in the view. Name and seed fix all of a story: scene, motion, lamps, what covers the lens.
-//
-//   story          what happens                                              lost on purpose
-//   desk_calm ...  see stories() in story.cpp: one table, printed by `pocket-ptam sim --help`
-//
-// All are seen by the phone of PhoneOptions' defaults, unless the table says otherwise.
+// Each is a line of the table stories() (`pocket-ptam sim --help` prints it) and a function in story.cpp; all are seen
+// by the phone of PhoneOptions' defaults, unless the table says otherwise.
 #pragma once
 
 #include <cstdint>
@@ -33,7 +30,7 @@ struct StoryKind {
   double duration_s;
   double exposure_s;
   double drop_probability;
-  bool explores;  // explores or orbits: the position error is judged
+  bool explores;  // or orbits: the position error is judged
   bool loses;     // tracking cannot be expected at times: Story::lost
 };
 const std::vector<StoryKind>& stories();

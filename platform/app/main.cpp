@@ -1,6 +1,7 @@
 // pocket-ptam: tracks and maps a recorded or an emulated sequence, and judges the result.
 
 #include <CLI/CLI.hpp>
+#include <cmath>
 #include <cstdio>
 #include <map>
 #include <memory>
@@ -120,7 +121,7 @@ void prepare_folder(const std::filesystem::path& folder) {
 }
 
 int run_and_write(platform::Camera& camera, const RunOptions& run_options, const OutputOptions& output,
-                  bool plane_known, const std::string& command) {
+                  bool plane_known, const std::string& command, const sim::Story* story = nullptr) {
   const platform::Trajectory truth = camera.ground_truth();
   const std::filesystem::path folder = output.out.empty()
                                            ? std::filesystem::path("out") / folder_name(camera.info().name)
@@ -154,6 +155,12 @@ int run_and_write(platform::Camera& camera, const RunOptions& run_options, const
     } catch (const InputError& error) {
       summary.evaluation_trouble = error.what();
     }
+  }
+  if (story != nullptr) {
+    const RollingShutter& shutter = log.camera.shutter;
+    const int lines = shutter.axis == RollingShutter::Axis::kColumns ? log.camera.model.width : log.camera.model.height;
+    const float exposed_s = std::abs(shutter.line_time_s) * static_cast<float>(lines) + log.camera.exposure_s;
+    summary.judgement = judge(log, truth, *story, static_cast<double>(exposed_s));
   }
   write_text_outputs(log, folder);
   if (!output.no_report) write_report(folder, log, summary, truth, &warnings);
@@ -417,7 +424,10 @@ int run_program(int argc, char** argv) {
     }
     if (!suite && (seeds_option->count() > 0 || jobs_option->count() > 0))
       throw InputError("--seeds and --jobs belong to --suite or --study");
-    const std::unique_ptr<platform::Camera> camera = sim::make_phone_camera(phone);
+    sim::check_phone_options(phone);
+    const auto scene =
+        std::make_shared<const sim::Scene>(sim::make_scene(phone.scene, phone.scene_seed.value_or(phone.seed)));
+    const std::unique_ptr<platform::Camera> camera = sim::make_phone_camera(phone, scene);
     if (!dump.empty()) {
       static Progress* progress = nullptr;
       Progress shown;
@@ -427,7 +437,8 @@ int run_program(int argc, char** argv) {
       std::printf("written to %s\n", dump.c_str());
       return kExitOk;
     }
-    return run_and_write(*camera, run, output, ground_plane_known(phone.scene), command);
+    const sim::Story story = sim::story_of(phone, *scene);
+    return run_and_write(*camera, run, output, ground_plane_known(phone.scene), command, &story);
   }
 
   if (replay->parsed()) {

@@ -81,9 +81,9 @@ constexpr Column kTable[kColumns] = {
      "losses whose view returned, with a right pose within a second"},
     {"after", "s", "%.2f", true, "recovery_s", "the longest of them"},
     {"jitter", "mm", "%.3f", true, "jitter_mm", "rms of the position about its mean in the standstill"},
-    {"/cov", "", "%.1f", true, "jitter_mm_ratio", "to what the reported covariance predicts"},
+    {"/cov", "", "%.2f", true, "jitter_mm_ratio", "to what the reported covariance predicts"},
     {"jitter", "deg", "%.4f", true, "jitter_deg", "rms of the orientation"},
-    {"/cov", "", "%.1f", true, "jitter_deg_ratio", "likewise"},
+    {"/cov", "", "%.2f", true, "jitter_deg_ratio", "likewise"},
     {"lag", "fr.", "%.0f", true, "lag_frames",
      "frames after the story's quick step until it is followed to within a tenth"},
     {"median", "M", "%.2f", true, "frame_minstructions_median", "modelled instructions of a tracked frame"},
@@ -234,9 +234,8 @@ double ranked(std::vector<double> values, double share, bool small_is_good) {
   return values[static_cast<size_t>(share * static_cast<double>(values.size() - 1) + 0.5)];
 }
 
-// A column that few runs have a value for (recoveries, a standstill's jitter) is summed up over those that do; for the
-// others a missing value means that tracking never began.
-bool optional_column(int column) {
+// Runs without a loss do not count in these columns' summaries. Elsewhere a missing value is a fault.
+bool of_losses(int column) {
   return column == kRecovered || column == kRecovery;
 }
 
@@ -252,7 +251,7 @@ std::vector<Row> summaries(const std::string& group, const std::vector<Row>& run
     std::vector<double> values;
     for (const Row& row : runs) {
       if (row.group != group) continue;
-      if (optional_column(column) && row.judgement.losses == 0) continue;
+      if (of_losses(column) && row.judgement.losses == 0) continue;
       values.push_back(row.values[column]);
     }
     median.values[column] = ranked(values, 0.5, kTable[column].small_is_good);
@@ -271,7 +270,6 @@ struct Goal {
 std::vector<Goal> goals_of(const std::vector<Row>& runs, bool compared) {
   int initialised = 0, expected = 0, tracked = 0, poses = 0, wrong_good = 0, losses = 0, recovered = 0, false_ones = 0;
   std::vector<double> ate, global, untold, instructions;
-  const Row* standing_last = nullptr;
   std::vector<double> standing[kColumns];
   for (const Row& row : runs) {
     const Judgement& j = row.judgement;
@@ -292,7 +290,6 @@ std::vector<Goal> goals_of(const std::vector<Row>& runs, bool compared) {
       untold.push_back(row.values[kUnmodelled]);
     }
     if (row.group == "static") {
-      standing_last = &row;
       for (const int column : {kJitter, kJitterRatio, kTurn, kTurnRatio, kLag}) {
         standing[column].push_back(row.values[column]);
       }
@@ -337,7 +334,7 @@ std::vector<Goal> goals_of(const std::vector<Row>& runs, bool compared) {
           format("%.3f %%, %.3f %%, %.3f %%", median, of_global, of_untold), true);
     }
   }
-  if (standing_last != nullptr) {
+  if (!standing[kLag].empty()) {
     const auto worst = [&](int column) { return ranked(standing[column], 1, true); };
     at_most("standing still, rms position, worst run", "%.3f mm", kGoalJitter_mm, worst(kJitter));
     at_most("  to the covariance's", "%.2f", kGoalJitterRatio, worst(kJitterRatio));
@@ -548,7 +545,7 @@ int run_suite(const SuiteOptions& options) {
   std::vector<std::string> groups = options.stories;
   groups.insert(groups.end(), options.scenes.begin(), options.scenes.end());
   for (size_t group = 0; group < groups.size(); ++group) {  // refuses bad options before hours of work
-    sim::make_phone_camera(phone_for(options, group, 1), std::make_shared<const sim::Scene>());
+    sim::check_phone_options(phone_for(options, group, 1));
   }
   std::error_code error;
   std::filesystem::create_directories(options.out, error);
