@@ -412,6 +412,8 @@ Story hand_passing(const Stage& stage, Random& random, uint64_t seed) {
     const double speed = random.uniform(0.18, 0.32);
     const double aside = random.uniform(-0.03, 0.03);
     passes.push_back({t, way * speed, aside, random.uniform(0.24, 0.3)});
+    constexpr double kReach_m = 0.21;  // half of the view's diagonal at 0.3 m and half of a palm
+    story.obstructed.push_back({t - kReach_m / speed, t + kReach_m / speed});
     t += random.uniform(3.5, 4.5);
   }
   hand->position = [passes, across, along](double t_s) -> Vector3d {

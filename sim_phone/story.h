@@ -44,8 +44,10 @@ struct Standstill {
 
 struct Story {
   MotionCurve curve;
-  double move_s = 0;                // the first sideways movement begins
-  std::vector<Interval> lost;       // tracking cannot be expected; a known view is back at the end of each
+  double move_s = 0;           // the first sideways movement begins
+  std::vector<Interval> lost;  // tracking cannot be expected; a known view is back at the end of each
+  // Something hides a part of the view: tracking can be expected, but a view that was lost is not back before the end.
+  std::vector<Interval> obstructed;
   std::vector<Interval> no_frames;  // the camera delivers nothing
   std::optional<Standstill> standstill;
   std::function<double(double t_s)> light;   // SensorOptions::light; may be null

@@ -87,7 +87,11 @@ void judge_losses(const std::vector<Moment>& moments, const sim::Story& story, d
     const auto begin = std::next(m);
     if (belongs_to_the_story(begin->t_s)) continue;
     const auto back = std::find_if(begin, moments.end(), [&](const Moment& now) {
-      if (now.deliberate || now.truth == nullptr) return false;
+      const bool obstructed =
+          std::any_of(story.obstructed.begin(), story.obstructed.end(), [&](const sim::Interval& hidden) {
+            return now.t_s > hidden.from_s - 0.5 * exposed_s && now.t_s < hidden.to_s + 0.5 * exposed_s;
+          });
+      if (now.deliberate || obstructed || now.truth == nullptr) return false;
       return std::any_of(first_pose, begin, [&](const Moment& known) {
         return known.valid && !known.wrong && known.truth != nullptr &&
                (known.truth->translation() - now.truth->translation()).norm() < kKnownView_m &&

@@ -27,7 +27,8 @@ struct Judgement {
 
   int false_relocalisations = 0;  // first poses after a loss that are wrong
   // Losses whose view returned: those that the story wants, at their end; others from when the true pose is near one
-  // that was tracked rightly before. Recovered: with a right pose within kRecoveryLimit_s.
+  // that was tracked rightly before and nothing is in the way. Recovered: with a right pose within kRecoveryLimit_s; a
+  // pose found before the view is back counts as found at once.
   int losses = 0, recovered = 0;
   double recovery_s;  // the longest; NaN when there was none or one never ended
 

@@ -128,6 +128,18 @@ TEST(Judge, LossesAtAKnownViewCountUntilARightPose) {
   EXPECT_EQ(too_late.judged().losses, 0) << "the run ends before it can be told";
 }
 
+TEST(Judge, AViewIsNotBackWhileSomethingIsInTheWay) {
+  EmulatedRun run;
+  run.lose(100, 117);  // 1.13 s
+  EXPECT_EQ(run.judged().recovered, 0);
+  run.story.obstructed = {{95 / 15.0, 105 / 15.0}};
+  const Judgement j = run.judged();
+  EXPECT_EQ(j.losses, 1);
+  EXPECT_EQ(j.recovered, 1);
+  EXPECT_NEAR(j.recovery_s, 11 / 15.0, 0.01);  // from frame 106, the first that sees nothing of it
+  EXPECT_EQ(j.expected, 270) << "tracking is expected all the same";
+}
+
 TEST(Judge, WrongPosesReportedAsGood) {
   EmulatedRun run;
   run.spoil(200, 220, TrackingQuality::kGood);

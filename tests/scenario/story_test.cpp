@@ -301,6 +301,9 @@ TEST(Stories, TheHandCoversAThirdToAHalfAndGoesAway) {
       if (t < 4.5) {
         EXPECT_EQ(share, 0) << seed << ": the start is free";
       }
+      if (!inside(story.obstructed, t)) {
+        EXPECT_EQ(share, 0) << seed << " at " << t;
+      }
       most = std::max(most, share);
       if (share > 0.2 && !there) {
         ++passes;
