@@ -9,6 +9,7 @@
 #include "sim_phone/random.h"
 #include "sim_phone/scene.h"
 #include "sim_phone/sensor.h"
+#include "sim_phone/story.h"
 
 namespace pptam::sim {
 namespace {
@@ -25,31 +26,16 @@ void require(bool good, const std::string& message) {
   if (!good) throw InputError("emulated phone: " + message);
 }
 
-// Written so that NaN fails.
-void check(const PhoneOptions& o) {
-  const auto known = [](const std::string& name, const std::vector<std::string>& names) {
-    return std::find(names.begin(), names.end(), name) != names.end();
-  };
-  require(known(o.scene, scene_names()), "scene '" + o.scene + "' is unknown; choose one of " + joined(scene_names()));
-  std::vector<std::string> motions = motion_names();
-  for (const std::string& name : start_names()) motions.push_back(name);
-  require(known(o.motion, motions), "motion '" + o.motion + "' is unknown; choose one of " + joined(motions));
-  require(o.duration_s > 0 && o.duration_s <= 3600, "duration_s must be over 0 and at most 3600 seconds");
-  require(o.width >= 32 && o.width <= 4096, "width must be from 32 to 4096 pixels");
-  require(o.height >= 32 && o.height <= 4096, "height must be from 32 to 4096 pixels");
-  require(o.horizontal_fov_degrees >= 5 && o.horizontal_fov_degrees <= 120,
-          "horizontal_fov_degrees must be from 5 to 120 degrees");
-  require(o.frames_per_s >= 1 && o.frames_per_s <= 240, "frames_per_s must be from 1 to 240");
-  require(std::abs(o.readout_s) <= 1 / o.frames_per_s, "readout_s must not be longer than a frame's period");
-  require(o.exposure_s >= 0 && o.exposure_s <= 1 / o.frames_per_s, "exposure_s must be from 0 to a frame's period");
-  require(o.drop_probability >= 0 && o.drop_probability < 1, "drop_probability must be from 0 to under 1");
-}
-
-MotionCurve motion_for(const PhoneOptions& options, const Scene& scene) {
-  const std::vector<std::string> starts = start_names();
-  if (std::find(starts.begin(), starts.end(), options.motion) != starts.end())
-    return make_start(options.motion, scene, options.seed).curve;
-  return make_motion(options.motion, scene.stage, options.seed, options.duration_s);
+SensorOptions sensor_for(const PhoneOptions& options, const platform::CameraInfo& info, const Story& story) {
+  SensorOptions sensor;
+  sensor.model = info.model;
+  sensor.shutter = info.shutter;
+  sensor.exposure_s = options.exposure_s;
+  sensor.noise = options.noise;
+  sensor.seed = options.seed;
+  sensor.light = story.light;
+  sensor.occluder = story.occluder;
+  return sensor;
 }
 
 class PhoneCamera : public platform::Camera {
@@ -59,15 +45,17 @@ class PhoneCamera : public platform::Camera {
         scene_(scene ? std::move(scene)
                      : std::make_shared<const Scene>(
                            make_scene(options.scene, options.scene_seed.value_or(options.seed)))),
-        motion_(motion_for(options, *scene_)),
+        story_(story_of(options, *scene_)),
         info_(make_info(options)),
-        sensor_(*scene_, motion_,
-                SensorOptions{info_.model, info_.shutter, options.exposure_s, options.noise, options.seed}),
+        sensor_(*scene_, story_.curve, sensor_for(options, info_, story_)),
         pixels_(static_cast<size_t>(options.width) * static_cast<size_t>(options.height)) {
     const int frames = std::max(1, static_cast<int>(std::floor(options.duration_s * options.frames_per_s + 1e-9)));
     for (int i = 0; i < frames; ++i) {
       Random random(options.seed, 1000 + static_cast<uint64_t>(i));
-      if (!random.chance(options.drop_probability)) delivered_.push_back(i);
+      const double t_s = 1e-9 * static_cast<double>(timestamp(i));
+      const bool paused = std::any_of(story_.no_frames.begin(), story_.no_frames.end(),
+                                      [&](const Interval& pause) { return t_s >= pause.from_s && t_s < pause.to_s; });
+      if (!random.chance(options.drop_probability) && !paused) delivered_.push_back(i);
     }
     info_.frame_count = static_cast<int>(delivered_.size());
   }
@@ -87,7 +75,7 @@ class PhoneCamera : public platform::Camera {
     platform::Trajectory truth;
     for (const int index : delivered_) {
       const int64_t timestamp_ns = timestamp(index);
-      truth.push_back({timestamp_ns, motion_(1e-9 * static_cast<double>(timestamp_ns))});
+      truth.push_back({timestamp_ns, story_.curve(1e-9 * static_cast<double>(timestamp_ns))});
     }
     return truth;
   }
@@ -108,7 +96,7 @@ class PhoneCamera : public platform::Camera {
     info.shutter.line_time_s = static_cast<float>(o.readout_s / lines);
     info.exposure_s = static_cast<float>(o.exposure_s);
     info.frames_per_s = o.frames_per_s;
-    info.name = o.scene + ", " + o.motion + ", seed " + std::to_string(o.seed);
+    info.name = (o.story.empty() ? o.scene + ", " + o.motion : o.story) + ", seed " + std::to_string(o.seed);
     return info;
   }
 
@@ -116,7 +104,7 @@ class PhoneCamera : public platform::Camera {
 
   PhoneOptions options_;
   std::shared_ptr<const Scene> scene_;
-  MotionCurve motion_;
+  Story story_;
   platform::CameraInfo info_;
   Sensor sensor_;
   std::vector<uint8_t> pixels_;
@@ -126,8 +114,33 @@ class PhoneCamera : public platform::Camera {
 
 }  // namespace
 
+// Written so that NaN fails.
+void check_phone_options(const PhoneOptions& o) {
+  const auto known = [](const std::string& name, const std::vector<std::string>& names) {
+    return std::find(names.begin(), names.end(), name) != names.end();
+  };
+  if (!o.story.empty()) {
+    std::vector<std::string> names;
+    for (const StoryKind& kind : stories()) names.push_back(kind.name);
+    require(known(o.story, names), "story '" + o.story + "' is unknown; choose one of " + joined(names));
+  }
+  require(known(o.scene, scene_names()), "scene '" + o.scene + "' is unknown; choose one of " + joined(scene_names()));
+  std::vector<std::string> motions = motion_names();
+  for (const std::string& name : start_names()) motions.push_back(name);
+  require(known(o.motion, motions), "motion '" + o.motion + "' is unknown; choose one of " + joined(motions));
+  require(o.duration_s > 0 && o.duration_s <= 3600, "duration_s must be over 0 and at most 3600 seconds");
+  require(o.width >= 32 && o.width <= 4096, "width must be from 32 to 4096 pixels");
+  require(o.height >= 32 && o.height <= 4096, "height must be from 32 to 4096 pixels");
+  require(o.horizontal_fov_degrees >= 5 && o.horizontal_fov_degrees <= 120,
+          "horizontal_fov_degrees must be from 5 to 120 degrees");
+  require(o.frames_per_s >= 1 && o.frames_per_s <= 240, "frames_per_s must be from 1 to 240");
+  require(std::abs(o.readout_s) <= 1 / o.frames_per_s, "readout_s must not be longer than a frame's period");
+  require(o.exposure_s >= 0 && o.exposure_s <= 1 / o.frames_per_s, "exposure_s must be from 0 to a frame's period");
+  require(o.drop_probability >= 0 && o.drop_probability < 1, "drop_probability must be from 0 to under 1");
+}
+
 std::unique_ptr<platform::Camera> make_phone_camera(const PhoneOptions& options, std::shared_ptr<const Scene> scene) {
-  check(options);
+  check_phone_options(options);
   return std::make_unique<PhoneCamera>(options, std::move(scene));
 }
 

@@ -13,6 +13,7 @@
 namespace pptam::sim {
 
 struct PhoneOptions {
+  std::string story;                   // one of stories() (sim_phone/story.h): its scene and motion; empty: these two
   std::string scene = "desk";          // one of scene_names()
   std::string motion = "calm";         // one of motion_names() or start_names() (sim_phone/motion.h)
   uint64_t seed = 1;                   // of the scene's details, the hand's motion and the sensor's noise
@@ -29,12 +30,15 @@ struct PhoneOptions {
   double drop_probability = 0;  // of each frame
 };
 
-std::vector<std::string> scene_names();  // "desk", "boxes", "walls", "checkerboard", "plane", "clutter"
+std::vector<std::string>
+scene_names();  // "desk", "boxes", "walls", "checkerboard", "plane", "clutter", "sparse", "tiles"
 // "calm": hold still, move sideways, then explore. "shaky": the same with four times the tremor. "still": as on a
 // tripod. "pure_rotation": turns about a fixed point.
 std::vector<std::string> motion_names();
 
-// Throws platform::InputError on options that make no sense, naming the option. scene: the one that the options ask
+// Throws platform::InputError on options that make no sense, naming the option.
+void check_phone_options(const PhoneOptions& options);
+// Checks likewise. scene: the one that the options ask
 // for, when it has been painted before.
 std::unique_ptr<platform::Camera> make_phone_camera(const PhoneOptions& options,
                                                     std::shared_ptr<const Scene> scene = nullptr);

@@ -1,11 +1,11 @@
 #include "sim_phone/scene.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 #include <numbers>
 
+#include "sim_phone/paint.h"
 #include "sim_phone/phone_camera.h"
 #include "sim_phone/random.h"
 
@@ -17,443 +17,6 @@ constexpr double kDegree = std::numbers::pi / 180;
 constexpr double kTableTexel_m = 0.0005;
 constexpr double kWallTexel_m = 0.001;
 constexpr double kFloorTexel_m = 0.004;
-
-// Smooth noise in [0, 1] with one cell per unit.
-float value_noise(float x, float y, uint32_t seed) {
-  const float floor_x = std::floor(x);
-  const float floor_y = std::floor(y);
-  const int ix = static_cast<int>(floor_x);
-  const int iy = static_cast<int>(floor_y);
-  const auto at = [&](int cx, int cy) {
-    uint32_t h = static_cast<uint32_t>(cx) * 0x8da6b343u ^ static_cast<uint32_t>(cy) * 0xd8163841u ^ seed;
-    h = (h ^ (h >> 15)) * 0x2c1b3c6du;
-    h = (h ^ (h >> 12)) * 0x297a2d39u;
-    return static_cast<float>((h ^ (h >> 15)) >> 8) * 0x1.0p-24f;
-  };
-  float fx = x - floor_x;
-  float fy = y - floor_y;
-  fx = fx * fx * (3 - 2 * fx);
-  fy = fy * fy * (3 - 2 * fy);
-  const float top = at(ix, iy) + fx * (at(ix + 1, iy) - at(ix, iy));
-  const float bottom = at(ix, iy + 1) + fx * (at(ix + 1, iy + 1) - at(ix, iy + 1));
-  return top + fy * (bottom - top);
-}
-
-// A local coordinate system on a canvas, metres: p = origin + rotation(angle) (x, y).
-struct Place {
-  double x = 0, y = 0, cos = 1, sin = 0;
-
-  Place(double origin_x, double origin_y, double angle)
-      : x(origin_x), y(origin_y), cos(std::cos(angle)), sin(std::sin(angle)) {}
-  Place inner(double local_x, double local_y, double angle) const {
-    Place p(x + cos * local_x - sin * local_y, y + sin * local_x + cos * local_y, 0);
-    p.cos = cos * std::cos(angle) - sin * std::sin(angle);
-    p.sin = sin * std::cos(angle) + cos * std::sin(angle);
-    return p;
-  }
-};
-
-struct Ink {
-  double reflectance;
-  double alpha;  // coverage, 0 to 1
-};
-
-// A reflectance image that is painted on, in metres.
-class Canvas {
- public:
-  Canvas(double width_m, double height_m, double texel_m)
-      : texel_(texel_m),
-        width_(std::max(2, static_cast<int>(std::lround(width_m / texel_m)))),
-        height_(std::max(2, static_cast<int>(std::lround(height_m / texel_m)))),
-        texels_(static_cast<size_t>(width_) * static_cast<size_t>(height_)) {}
-
-  double width_m() const { return width_ * texel_; }
-  double height_m() const { return height_ * texel_; }
-  double texel_m() const { return texel_; }
-
-  // Blends ink(x, y) over the local rectangle [x0, x1] x [y0, y1], with edges blurred by one texel or by softness.
-  template <class Function>
-  void paint(const Place& place, double x0, double y0, double x1, double y1, double softness, const Function& ink) {
-    const double blur = std::max(softness, texel_);
-    double low_x = 1e9, low_y = 1e9, high_x = -1e9, high_y = -1e9;
-    for (const double cx : {x0 - blur, x1 + blur}) {
-      for (const double cy : {y0 - blur, y1 + blur}) {
-        const double px = place.x + place.cos * cx - place.sin * cy;
-        const double py = place.y + place.sin * cx + place.cos * cy;
-        low_x = std::min(low_x, px);
-        high_x = std::max(high_x, px);
-        low_y = std::min(low_y, py);
-        high_y = std::max(high_y, py);
-      }
-    }
-    const int first_x = std::max(0, static_cast<int>(std::floor(low_x / texel_ - 0.5)));
-    const int last_x = std::min(width_ - 1, static_cast<int>(std::ceil(high_x / texel_ - 0.5)));
-    const int first_y = std::max(0, static_cast<int>(std::floor(low_y / texel_ - 0.5)));
-    const int last_y = std::min(height_ - 1, static_cast<int>(std::ceil(high_y / texel_ - 0.5)));
-    const auto edge = [&](double inside) { return std::clamp(0.5 + inside / blur, 0.0, 1.0); };
-    for (int iy = first_y; iy <= last_y; ++iy) {
-      for (int ix = first_x; ix <= last_x; ++ix) {
-        const double dx = (ix + 0.5) * texel_ - place.x;
-        const double dy = (iy + 0.5) * texel_ - place.y;
-        const double x = place.cos * dx + place.sin * dy;
-        const double y = -place.sin * dx + place.cos * dy;
-        const double cover = edge(std::min(x - x0, x1 - x)) * edge(std::min(y - y0, y1 - y));
-        if (cover <= 0) continue;
-        const Ink i = ink(x, y);
-        uint16_t& texel = texels_[static_cast<size_t>(iy) * static_cast<size_t>(width_) + static_cast<size_t>(ix)];
-        const double old = texel;
-        const double alpha = cover * i.alpha;
-        texel = static_cast<uint16_t>(std::clamp(old + alpha * (i.reflectance * 65535.0 - old) + 0.5, 0.0, 65535.0));
-      }
-    }
-  }
-
-  void rectangle(const Place& place, double x0, double y0, double x1, double y1, double reflectance, double alpha = 1,
-                 double softness = 0) {
-    paint(place, x0, y0, x1, y1, softness, [&](double, double) { return Ink{reflectance, alpha}; });
-  }
-
-  void ellipse(const Place& place, double radius_x, double radius_y, double reflectance, double alpha = 1) {
-    const double radius = std::min(radius_x, radius_y);
-    paint(place, -radius_x, -radius_y, radius_x, radius_y, 0, [&](double x, double y) {
-      const double r = std::sqrt(x * x / (radius_x * radius_x) + y * y / (radius_y * radius_y));
-      return Ink{reflectance, alpha * std::clamp(0.5 + (1 - r) * radius / texel_, 0.0, 1.0)};
-    });
-  }
-
-  void line(const Place& place, double x0, double y0, double x1, double y1, double thickness, double reflectance,
-            double alpha = 1) {
-    const double length = std::hypot(x1 - x0, y1 - y0);
-    rectangle(place.inner(x0, y0, std::atan2(y1 - y0, x1 - x0)), -thickness / 2, -thickness / 2, length + thickness / 2,
-              thickness / 2, reflectance, alpha);
-  }
-
-  // Moves the texels out into a mip map.
-  Texture finish() {
-    Texture texture;
-    texture.levels.push_back({width_, height_, std::move(texels_)});
-    while (texture.levels.back().width > 4 && texture.levels.back().height > 4) {
-      const Texture::Level& from = texture.levels.back();
-      Texture::Level to;
-      to.width = (from.width + 1) / 2;
-      to.height = (from.height + 1) / 2;
-      to.texels.resize(static_cast<size_t>(to.width) * static_cast<size_t>(to.height));
-      for (int y = 0; y < to.height; ++y) {
-        const uint16_t* top = from.texels.data() + static_cast<size_t>(2 * y) * static_cast<size_t>(from.width);
-        const uint16_t* bottom = 2 * y + 1 < from.height ? top + from.width : top;
-        for (int x = 0; x < to.width; ++x) {
-          const int right = std::min(2 * x + 1, from.width - 1);
-          to.texels[static_cast<size_t>(y) * static_cast<size_t>(to.width) + static_cast<size_t>(x)] =
-              static_cast<uint16_t>((top[2 * x] + top[right] + bottom[2 * x] + bottom[right] + 2) / 4);
-        }
-      }
-      texture.levels.push_back(std::move(to));
-    }
-    return texture;
-  }
-
- private:
-  double texel_;
-  int width_;
-  int height_;
-  std::vector<uint16_t> texels_;
-};
-
-// ---- what is printed ----
-
-// One made-up letter in the cell [0, w] x [0, h].
-void letter(Canvas& canvas, const Place& place, double w, double h, double stroke, double ink, Random& random) {
-  static constexpr std::array<std::array<double, 4>, 8> kStrokes = {{{0, 0, 0, 1},
-                                                                     {1, 0, 1, 1},
-                                                                     {0, 0, 1, 0},
-                                                                     {0, 0.5, 1, 0.5},
-                                                                     {0, 1, 1, 1},
-                                                                     {0, 0, 1, 1},
-                                                                     {0, 1, 1, 0},
-                                                                     {0.5, 0, 0.5, 1}}};
-  const int count = random.integer(2, 3);
-  for (int i = 0; i < count; ++i) {
-    const auto& s = kStrokes[static_cast<size_t>(random.integer(0, 7))];
-    canvas.line(place, s[0] * w, s[1] * h, s[2] * w, s[3] * h, stroke, ink);
-  }
-}
-
-// A line of words from (0, 0) to the right, letters of height h below y = 0.
-void text_line(Canvas& canvas, const Place& place, double length, double h, double stroke, double ink, Random& random) {
-  const double w = 0.6 * h;
-  double x = 0;
-  while (x < length) {
-    const int letters = random.integer(2, 9);
-    for (int i = 0; i < letters && x + w < length; ++i, x += w + 0.35 * h) {
-      letter(canvas, place.inner(x, 0, 0), w, h, stroke, ink, random);
-    }
-    x += 0.6 * h;
-  }
-}
-
-// Paragraphs in the rectangle [0, w] x [0, h].
-void text_block(Canvas& canvas, const Place& place, double w, double h, double letter_h, double ink, Random& random) {
-  const double pitch = 2.0 * letter_h;
-  double y = 0;
-  while (y + letter_h < h) {
-    const int lines = random.integer(2, 7);
-    if (random.chance(0.35) && y + 3 * letter_h < h) {  // a bold heading
-      text_line(canvas, place.inner(0, y, 0), w * random.uniform(0.3, 0.8), 1.8 * letter_h, 0.5 * letter_h, ink * 0.6,
-                random);
-      y += 3.2 * letter_h;
-    }
-    for (int i = 0; i < lines && y + letter_h < h; ++i, y += pitch) {
-      const double length = i + 1 == lines ? w * random.uniform(0.2, 0.9) : w * random.uniform(0.93, 1.0);
-      text_line(canvas, place.inner(0, y, 0), length, letter_h, 0.2 * letter_h, ink, random);
-    }
-    y += 1.6 * letter_h;
-  }
-}
-
-// A photograph: a soft background with shapes of many sizes, in [0, w] x [0, h].
-void picture(Canvas& canvas, const Place& place, double w, double h, Random& random) {
-  const double size = std::min(w, h);
-  const double top = random.uniform(0.2, 0.6);
-  const double bottom = random.uniform(0.1, 0.5);
-  const uint32_t seed = static_cast<uint32_t>(random.bits());
-  canvas.paint(place, 0, 0, w, h, 0, [&](double x, double y) {
-    const float n = value_noise(static_cast<float>(5 * x / size), static_cast<float>(5 * y / size), seed) +
-                    0.5f * value_noise(static_cast<float>(17 * x / size), static_cast<float>(17 * y / size), seed + 1);
-    return Ink{(top + (bottom - top) * y / h) * (0.6 + 0.55 * static_cast<double>(n)), 1};
-  });
-  const int shapes = 8 + static_cast<int>(std::min(60.0, w * h / (0.028 * 0.028)));
-  for (int i = 0; i < shapes; ++i) {
-    // Large ones first, so that the small ones stay visible.
-    const double fraction = static_cast<double>(i) / shapes;
-    const double radius = size * (0.05 + 0.2 * (1 - fraction) * (1 - fraction)) * random.uniform(0.6, 1.3);
-    const double aspect = random.uniform(0.4, 1.0);
-    const double reach = std::min(radius, 0.49 * size);
-    const double x = random.uniform(reach, w - reach);
-    const double y = random.uniform(reach, h - reach);
-    const double angle = random.uniform(0, std::numbers::pi);
-    const double shade = random.chance(0.5) ? random.uniform(0.02, 0.15) : random.uniform(0.35, 0.85);
-    const double alpha = random.uniform(0.7, 1.0);
-    const int kind = random.integer(0, 3);
-    const Place p = place.inner(x, y, angle);
-    if (kind == 0) {
-      canvas.ellipse(p, reach, reach * aspect, shade, alpha);
-    } else if (kind == 1) {
-      canvas.rectangle(p, -0.7 * reach, -0.7 * reach * aspect, 0.7 * reach, 0.7 * reach * aspect, shade, alpha);
-    } else if (kind == 2) {  // triangle
-      canvas.paint(p, -0.8 * reach, -0.6 * reach, 0.8 * reach, 0.6 * reach, 0, [&](double lx, double ly) {
-        const double inside = 0.6 * reach - ly - 1.5 * std::abs(lx);
-        return Ink{shade, alpha * std::clamp(0.5 + inside / canvas.texel_m(), 0.0, 1.0)};
-      });
-    } else {  // stripes
-      const double period = reach * random.uniform(0.35, 0.7);
-      canvas.paint(p, -0.7 * reach, -0.7 * reach * aspect, 0.7 * reach, 0.7 * reach * aspect, 0,
-                   [&](double lx, double) {
-                     const double phase = lx / period - std::floor(lx / period);
-                     return Ink{shade, phase < 0.5 ? alpha : 0.0};
-                   });
-    }
-  }
-}
-
-void bar_chart(Canvas& canvas, const Place& place, double w, double h, Random& random) {
-  canvas.line(place, 0, 0, 0, h, 0.001, 0.1);
-  canvas.line(place, 0, h, w, h, 0.001, 0.1);
-  const int bars = random.integer(4, 8);
-  const double pitch = w / bars;
-  for (int i = 0; i < bars; ++i) {
-    const double top = h * random.uniform(0.05, 0.8);
-    const double shade = random.uniform(0.08, 0.45);
-    canvas.rectangle(place, (i + 0.2) * pitch, top, (i + 0.85) * pitch, h, shade);
-  }
-}
-
-void table_of_cells(Canvas& canvas, const Place& place, double w, double h, Random& random) {
-  const int columns = random.integer(3, 5);
-  const int rows = std::max(2, static_cast<int>(h / 0.012));
-  canvas.rectangle(place, 0, 0, w, h / rows, 0.35);
-  for (int i = 0; i <= rows; ++i) canvas.line(place, 0, i * h / rows, w, i * h / rows, 0.0008, 0.15);
-  for (int i = 0; i <= columns; ++i) canvas.line(place, i * w / columns, 0, i * w / columns, h, 0.0008, 0.15);
-  for (int r = 1; r < rows; ++r) {
-    for (int c = 0; c < columns; ++c) {
-      const double cell = w / columns;
-      const double length = cell * random.uniform(0.2, 0.85);
-      if (random.chance(0.15)) {
-        canvas.rectangle(place, c * cell, r * h / rows, (c + 1) * cell, (r + 1) * h / rows, 0.2);
-      } else {
-        text_line(canvas, place.inner(c * cell + 0.003, (r + 0.3) * h / rows, 0), length, 0.004, 0.0009, 0.1, random);
-      }
-    }
-  }
-}
-
-// A sheet of paper centred on the place, with text and figures.
-void page(Canvas& canvas, const Place& centre, double w, double h, Random& random) {
-  const Place place = centre.inner(-w / 2, -h / 2, 0);
-  const double paper = random.uniform(0.6, 0.85);
-  const double ink = random.uniform(0.02, 0.08);
-  canvas.rectangle(place, 0.001, 0.001, w + 0.003, h + 0.003, 0.05, 0.5, 0.004);  // its shadow
-  canvas.rectangle(place, 0, 0, w, h, paper);
-  const double margin = 0.07 * w;
-  double y = margin;
-  if (random.chance(0.7)) {
-    const double title = random.uniform(0.009, 0.016);
-    text_line(canvas, place.inner(margin, y, 0), (w - 2 * margin) * random.uniform(0.5, 1.0), title, 0.25 * title, ink,
-              random);
-    y += 1.7 * title;
-  }
-  const int columns = random.integer(1, 2);
-  const double gap = 0.008;
-  const double column_w = (w - 2 * margin - (columns - 1) * gap) / columns;
-  const double letter_h = random.uniform(0.0022, 0.0042);
-  for (int c = 0; c < columns; ++c) {
-    const double x = margin + c * (column_w + gap);
-    double cy = y;
-    while (cy < h - margin - 0.02) {
-      const double left = h - margin - cy;
-      const double part = std::min(left, random.uniform(0.03, 0.08));
-      const int kind = random.integer(0, 9);
-      const Place p = place.inner(x, cy, 0);
-      if (kind < 5) {
-        text_block(canvas, p, column_w, part, letter_h, ink, random);
-      } else if (kind < 8) {
-        picture(canvas, p, column_w, part, random);
-      } else if (kind == 8) {
-        bar_chart(canvas, p, column_w, part, random);
-      } else {
-        table_of_cells(canvas, p, column_w, part, random);
-      }
-      cy += part + 0.008;
-    }
-  }
-}
-
-// A magazine's or book's cover: a picture with a large title and a few words.
-void cover(Canvas& canvas, const Place& centre, double w, double h, Random& random) {
-  const Place place = centre.inner(-w / 2, -h / 2, 0);
-  canvas.rectangle(place, 0.001, 0.001, w + 0.005, h + 0.005, 0.04, 0.6, 0.006);
-  picture(canvas, place, w, h, random);
-  const double title = 0.12 * h;
-  const double ink = random.chance(0.5) ? 0.8 : 0.05;
-  text_line(canvas, place.inner(0.06 * w, 0.05 * h, 0), 0.88 * w, title, 0.22 * title, ink, random);
-  text_block(canvas, place.inner(0.06 * w, 0.75 * h, 0), 0.5 * w, 0.2 * h, 0.02 * h, ink, random);
-}
-
-// Pens, coins, notes, cards, rulers and other small flat things, centred on the place.
-void small_thing(Canvas& canvas, const Place& place, Random& random) {
-  const double shade = random.chance(0.6) ? random.uniform(0.03, 0.15) : random.uniform(0.4, 0.75);
-  const double other = shade < 0.3 ? random.uniform(0.4, 0.75) : random.uniform(0.04, 0.12);
-  switch (random.integer(0, 5)) {
-    case 0: {  // pen
-      const double half = random.uniform(0.055, 0.075);
-      canvas.rectangle(place, -half, -0.002, half + 0.004, 0.008, 0.05, 0.5, 0.004);
-      canvas.rectangle(place, -half, -0.0045, half, 0.0045, shade);
-      canvas.rectangle(place, half - 0.045, -0.0045, half - 0.036, 0.0045, other);
-      canvas.rectangle(place, -half, -0.002, -half + 0.03, 0.001, other);
-      break;
-    }
-    case 1: {  // coin
-      const double radius = random.uniform(0.009, 0.013);
-      canvas.ellipse(place.inner(0.001, 0.001, 0), radius + 0.001, radius + 0.001, 0.05, 0.6);
-      canvas.ellipse(place, radius, radius, 0.35);
-      canvas.ellipse(place, 0.75 * radius, 0.75 * radius, other > 0.3 ? 0.6 : 0.2);
-      letter(canvas, place.inner(-0.3 * radius, -0.4 * radius, 0), 0.6 * radius, 0.8 * radius, 0.0015, shade, random);
-      break;
-    }
-    case 2: {  // sticky note
-      const double half = random.uniform(0.025, 0.038);
-      canvas.rectangle(place, -half, -half, half + 0.003, half + 0.003, 0.05, 0.5, 0.004);
-      canvas.rectangle(place, -half, -half, half, half, random.uniform(0.4, 0.7));
-      for (int i = 0; i < 4; ++i) {
-        const double slope = random.uniform(-0.06, 0.06);
-        const double length = 1.6 * half * random.uniform(0.4, 1.0);
-        text_line(canvas, place.inner(-0.8 * half, (-0.7 + 0.4 * i) * half, slope), length, 0.2 * half, 0.0015, 0.08,
-                  random);
-      }
-      break;
-    }
-    case 3: {  // card with a pattern
-      canvas.rectangle(place, -0.03, -0.043, 0.033, 0.046, 0.05, 0.5, 0.004);
-      canvas.rectangle(place, -0.031, -0.044, 0.031, 0.044, 0.7);
-      const double pip = random.uniform(0.004, 0.0065);
-      for (int i = 0; i < 8; ++i) {
-        if (random.chance(0.35)) continue;
-        const double x = i % 2 == 0 ? -0.013 : 0.013;
-        const double y = -0.03 + 0.02 * (i / 2);
-        canvas.rectangle(place.inner(x, y, std::numbers::pi / 4), -pip, -pip, pip, pip, shade < 0.3 ? shade : 0.1);
-      }
-      break;
-    }
-    case 4: {  // ruler
-      const double half = random.uniform(0.08, 0.11);
-      canvas.rectangle(place, -half, -0.013, half + 0.003, 0.017, 0.05, 0.5, 0.004);
-      canvas.rectangle(place, -half, -0.014, half, 0.014, random.uniform(0.4, 0.7));
-      for (int i = 0; i * 0.005 < 2 * half; ++i) {
-        const double x = -half + 0.005 * i;
-        canvas.line(place, x, -0.014, x, i % 2 == 0 ? -0.004 : -0.009, 0.001, 0.08);
-      }
-      break;
-    }
-    default: {  // box of something: a dark rectangle with a light label
-      const double half_w = random.uniform(0.02, 0.04);
-      const double half_h = random.uniform(0.012, 0.025);
-      canvas.rectangle(place, -half_w, -half_h, half_w + 0.005, half_h + 0.005, 0.04, 0.5, 0.006);
-      canvas.rectangle(place, -half_w, -half_h, half_w, half_h, shade);
-      canvas.rectangle(place, -0.7 * half_w, -0.6 * half_h, 0.5 * half_w, 0.2 * half_h, other);
-      text_line(canvas, place.inner(-0.6 * half_w, -0.4 * half_h, 0), half_w, 0.4 * half_h, 0.0015, shade, random);
-      break;
-    }
-  }
-}
-
-// Boards with grain, seams and knots over the whole canvas, grain along x.
-void wood(Canvas& canvas, Random& random) {
-  const double base = random.uniform(0.22, 0.4);
-  const double board = random.uniform(0.09, 0.15);
-  const uint32_t seed = static_cast<uint32_t>(random.bits());
-  const Place place(0, 0, 0);
-  for (int b = 0; b * board < canvas.height_m(); ++b) {
-    double x = -random.uniform(0, 0.5);
-    while (x < canvas.width_m()) {
-      const double end = x + random.uniform(0.4, 0.9);
-      const double shade = base * random.uniform(0.8, 1.2);
-      const uint32_t own = seed + static_cast<uint32_t>(random.bits());
-      canvas.paint(place, x, b * board, end, (b + 1) * board, 0, [&](double lx, double ly) {
-        const float fx = static_cast<float>(lx);
-        const float fy = static_cast<float>(ly) + 0.02f * value_noise(3 * fx, 9 * static_cast<float>(ly), own);
-        const float n = 0.6f * value_noise(7 * fx, 110 * fy, own + 1) + 0.4f * value_noise(25 * fx, 430 * fy, own + 2);
-        return Ink{shade * (0.62 + 0.76 * static_cast<double>(n)), 1};
-      });
-      canvas.line(place, x, b * board, x, (b + 1) * board, 0.0015, 0.3 * base);
-      x = end;
-    }
-    canvas.line(place, 0, b * board, canvas.width_m(), b * board, 0.0015, 0.3 * base);
-  }
-  const int knots = static_cast<int>(canvas.width_m() * canvas.height_m() * 60);
-  for (int i = 0; i < knots; ++i) {
-    const double x = random.uniform(0, canvas.width_m());
-    const double y = random.uniform(0, canvas.height_m());
-    const double radius = random.uniform(0.004, 0.012);
-    const Place p = place.inner(x, y, random.uniform(-0.3, 0.3));
-    canvas.ellipse(p, 2.0 * radius, 1.3 * radius, 0.6 * base, 0.6);
-    canvas.ellipse(p, 1.2 * radius, 0.9 * radius, 0.3 * base, 0.8);
-    canvas.ellipse(p, 0.5 * radius, 0.4 * radius, 0.7 * base, 0.7);
-  }
-}
-
-// Light that falls a little unevenly on a canvas.
-void uneven_light(Canvas& canvas, Random& random) {
-  const double angle = random.uniform(0, 2 * std::numbers::pi);
-  const double strength = random.uniform(0.1, 0.3);
-  const double c = std::cos(angle);
-  const double s = std::sin(angle);
-  const double w = canvas.width_m();
-  const double h = canvas.height_m();
-  canvas.paint(Place(0, 0, 0), 0, 0, w, h, 0, [&](double x, double y) {
-    return Ink{0, strength * std::clamp(0.5 + c * (x / w - 0.5) + s * (y / h - 0.5), 0.0, 1.0)};
-  });
-}
-
-// ---- scenes ----
 
 Surface surface_of(Canvas& canvas, const Vector3d& origin, const Vector3d& u_axis, const Vector3d& v_axis,
                    double light) {
@@ -757,6 +320,81 @@ Scene make_walls(uint64_t seed) {
   return scene;
 }
 
+// Small things spread over a canvas, one on each place of a jittered lattice with the given probability.
+void scatter_things(Canvas& canvas, double pitch, double probability, Random& random) {
+  for (double y = 0.5 * pitch; y < canvas.height_m(); y += pitch) {
+    for (double x = 0.5 * pitch; x < canvas.width_m(); x += pitch) {
+      const double dx = pitch * random.uniform(-0.35, 0.35);
+      const double dy = pitch * random.uniform(-0.35, 0.35);
+      const double turn = random.uniform(0, 2 * std::numbers::pi);
+      if (random.chance(probability)) small_thing(canvas, Place(x + dx, y + dy, turn), random);
+    }
+  }
+}
+
+// A plain painted table with one sheet of paper in the middle and a few small things: most of nearly every view is
+// bare.
+Scene make_sparse(uint64_t seed) {
+  Random random(seed, 6);
+  Scene scene;
+  scene.stage.azimuth_rad = random.uniform(0, 2 * std::numbers::pi);
+  const double light = random.uniform(0.7, 1.1);
+  Canvas canvas(kTableSize_m, kTableSize_m, kTableTexel_m);
+  const double base = random.uniform(0.3, 0.5);
+  const uint32_t noise = static_cast<uint32_t>(random.bits());
+  canvas.paint(Place(0, 0, 0), 0, 0, kTableSize_m, kTableSize_m, 0, [&](double x, double y) {
+    const float n = value_noise(static_cast<float>(6 * x), static_cast<float>(6 * y), noise);
+    return Ink{base * (0.97 + 0.06 * static_cast<double>(n)), 1};
+  });
+  page(canvas, Place(0.5 * kTableSize_m, 0.5 * kTableSize_m, random.uniform(0, 2 * std::numbers::pi)), 0.148, 0.21,
+       random);
+  scatter_things(canvas, random.uniform(0.12, 0.14), 0.8, random);
+  uneven_light(canvas, random);
+  const double half = 0.5 * kTableSize_m;
+  scene.surfaces.push_back(surface_of(canvas, {-half, half, 0}, Vector3d::UnitX(), -Vector3d::UnitY(), light));
+  scene.surfaces.push_back(make_floor(8, -0.74, 0.7 * light, random));
+  return scene;
+}
+
+// A table of tiles that are alike to the texel, with a few unique things on it.
+Scene make_tiles(uint64_t seed) {
+  Random random(seed, 7);
+  Scene scene;
+  scene.stage.azimuth_rad = random.uniform(0, 2 * std::numbers::pi);
+  const double light = random.uniform(0.7, 1.1);
+  Canvas canvas(kTableSize_m, kTableSize_m, kTableTexel_m);
+  const double pitch = kTableTexel_m * random.integer(110, 170);  // 55 to 85 mm
+  const double tile = random.uniform(0.4, 0.6);
+  const double ink = tile * random.uniform(0.2, 0.45);
+  const double joint = 0.003;
+  canvas.rectangle(Place(0, 0, 0), -1, -1, kTableSize_m + 1, kTableSize_m + 1, random.uniform(0.1, 0.2));
+  const uint64_t motif = random.bits();
+  for (double y = 0; y < kTableSize_m; y += pitch) {
+    for (double x = 0; x < kTableSize_m; x += pitch) {
+      Random same(motif, 0);
+      canvas.rectangle(Place(x, y, 0), 0.5 * joint, 0.5 * joint, pitch - 0.5 * joint, pitch - 0.5 * joint, tile);
+      for (int i = 0; i < 5; ++i) {
+        const double size = pitch * same.uniform(0.06, 0.16);
+        const double at_x = pitch * same.uniform(0.25, 0.75);
+        const double at_y = pitch * same.uniform(0.25, 0.75);
+        const Place place(x + at_x, y + at_y, same.uniform(0, std::numbers::pi));
+        const double aspect = same.uniform(0.4, 1);
+        if (same.chance(0.5)) {
+          canvas.ellipse(place, size, aspect * size, ink);
+        } else {
+          canvas.rectangle(place, -size, -aspect * size, size, aspect * size, ink);
+        }
+      }
+    }
+  }
+  scatter_things(canvas, random.uniform(0.2, 0.24), 0.6, random);
+  uneven_light(canvas, random);
+  const double half = 0.5 * kTableSize_m;
+  scene.surfaces.push_back(surface_of(canvas, {-half, half, 0}, Vector3d::UnitX(), -Vector3d::UnitY(), light));
+  scene.surfaces.push_back(make_floor(8, -0.74, 0.7 * light, random));
+  return scene;
+}
+
 Scene make_checkerboard(uint64_t seed) {
   Random random(seed, 3);
   Scene scene;
@@ -780,7 +418,7 @@ Scene make_checkerboard(uint64_t seed) {
 }  // namespace
 
 std::vector<std::string> scene_names() {
-  return {"desk", "boxes", "walls", "checkerboard", "plane", "clutter"};
+  return {"desk", "boxes", "walls", "checkerboard", "plane", "clutter", "sparse", "tiles"};
 }
 
 double first_hit(const Scene& scene, const Vector3d& origin, const Vector3d& direction) {
@@ -804,6 +442,8 @@ Scene make_scene(const std::string& name, uint64_t seed) {
   if (name == "checkerboard") return make_checkerboard(seed);
   if (name == "plane") return make_plane(seed);
   if (name == "clutter") return make_clutter(seed);
+  if (name == "sparse") return make_sparse(seed);
+  if (name == "tiles") return make_tiles(seed);
   return make_desk(false, seed);
 }
 

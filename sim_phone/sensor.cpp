@@ -30,6 +30,7 @@ constexpr double kGamma = 2.2;
 constexpr double kTargetMean = 0.27;  // auto-exposure: mean of the linear image
 constexpr double kExposureLag_s = 0.5;
 constexpr double kNominalGain = 0.7;  // at which the noise is as stated
+constexpr double kDarkest = 0.01;     // mean of the linear image under which the lens is covered: the exposure is held
 
 // log2 by the exponent and a linear mantissa: continuous, at most 0.09 wrong.
 float rough_log2(float x) {
@@ -72,7 +73,8 @@ std::array<SamplePoint, kMaxSamples> sample_points(int count) {
 // linear in s.
 struct Sensor::Candidate {
   const Surface* surface = nullptr;
-  int first = 0;  // part of the line that it can cover
+  bool held = false;  // of the occluder: in the camera's frame
+  int first = 0;      // part of the line that it can cover
   int last = 0;
   float width = 0;  // texels
   float height = 0;
@@ -94,7 +96,7 @@ Sensor::Sensor(const Scene& scene, MotionCurve motion, const SensorOptions& opti
   const size_t pixels = static_cast<size_t>(m.width) * static_cast<size_t>(m.height);
   linear_.resize(pixels);
   vignetting_.resize(pixels);
-  candidates_.resize(scene_.surfaces.size());
+  candidates_.resize(scene_.surfaces.size() + (options_.occluder ? options_.occluder->surfaces.size() : 0));
   for (int y = 0; y < m.height; ++y) {
     for (int x = 0; x < m.width; ++x) {
       const float a = (static_cast<float>(x) - m.cx) / m.fx;
@@ -192,9 +194,52 @@ void Sensor::render_line(int line, double t_s) {
       if (c.first > c.last) continue;
     }
     c.surface = &s;
+    c.held = false;
     c.width = static_cast<float>(s.width_m / s.texel_m);
     c.height = static_cast<float>(s.height_m / s.texel_m);
     ++candidates;
+  }
+  if (options_.occluder) {
+    // Held things move on their own: all that may come into the line during its exposure.
+    for (const Surface& s : options_.occluder->surfaces) {
+      Vector2d low(1e9, 1e9), high(-1e9, -1e9);
+      bool near = false;
+      Vector2d corner_px[2];  // at the exposure's ends
+      for (const double time : {-0.5, 0.0, 0.5}) {
+        const Vector3d at = options_.occluder->position(line_t_s + time * options_.exposure_s);
+        for (int corner = 0; corner < 4; ++corner) {
+          const Vector3d p =
+              at + s.origin + (corner & 1 ? s.width_m : 0.0) * s.u_axis + (corner & 2 ? s.height_m : 0.0) * s.v_axis;
+          near = near || p.z() < kNear_m;
+          const Vector2d px = project(p);
+          low = low.cwiseMin(px);
+          high = high.cwiseMax(px);
+          if (corner == 0 && time != 0) corner_px[time > 0 ? 1 : 0] = px;
+        }
+      }
+      constexpr double kMargin = 2;
+      const int across = columns_ ? 0 : 1;
+      const int along = 1 - across;
+      if (near || line < low[across] - kMargin || line > high[across] + kMargin) continue;
+      Candidate& c = candidates_[candidates];
+      c.first = static_cast<int>(std::max(0.0, low[along] - kMargin));
+      c.last = static_cast<int>(std::min(line_length_ - 1.0, high[along] + kMargin));
+      if (c.first > c.last) continue;
+      c.surface = &s;
+      c.held = true;
+      blur_px = std::max(blur_px, (corner_px[0] - corner_px[1]).norm());
+      c.width = static_cast<float>(s.width_m / s.texel_m);
+      c.height = static_cast<float>(s.height_m / s.texel_m);
+      ++candidates;
+    }
+  }
+  double light = 1;
+  if (options_.light) {
+    constexpr int kLightSamples = 16;  // over the exposure: 2 to 4 ms apart
+    light = 0;
+    for (int i = 0; i < kLightSamples; ++i) {
+      light += options_.light(line_t_s + ((i + 0.5) / kLightSamples - 0.5) * options_.exposure_s) / kLightSamples;
+    }
   }
   // The blur near the line's ends, for things at a short arm's length.
   for (const double along : {0.1, 0.9}) {
@@ -212,11 +257,16 @@ void Sensor::render_line(int line, double t_s) {
   for (int k = 0; k < samples; ++k) {
     const SamplePoint& point = points[static_cast<size_t>(k)];
     const Isometry3d T_wc = pose(line_t_s + point.time * options_.exposure_s);
-    const Matrix3d rays = T_wc.linear() * K_inv;  // pixel to direction in the world, of depth 1
-    const Vector3d& o = T_wc.translation();
+    const Matrix3d world_rays = T_wc.linear() * K_inv;  // pixel to direction in the world, of depth 1
+    const Vector3d world_o = T_wc.translation();
+    const Vector3d held_o = options_.occluder
+                                ? Vector3d(-options_.occluder->position(line_t_s + point.time * options_.exposure_s))
+                                : Vector3d(0, 0, 0);
     for (size_t i = 0; i < candidates; ++i) {
       Candidate& c = candidates_[i];
       const Surface& s = *c.surface;
+      const Matrix3d& rays = c.held ? K_inv : world_rays;
+      const Vector3d& o = c.held ? held_o : world_o;
       // The ray o + d / w meets the plane where w = n.d / n.(origin - o); there u w = U.(o - origin) w + U.d.
       const Vector3d normal = s.v_axis.cross(s.u_axis);
       const Vector3d from_origin = o - s.origin;
@@ -245,7 +295,7 @@ void Sensor::render_line(int line, double t_s) {
   constexpr float kSeam_texels = 0.02f;  // neighbouring surfaces overlap by this, so that rounding leaves no cracks
   float* const out = linear_.data() + (columns_ ? line : line * m.width);
   const int out_step = columns_ ? m.width : 1;
-  const float mean = 1.0f / static_cast<float>(samples);
+  const float mean = static_cast<float>(light) / static_cast<float>(samples);
   for (int place = 0; place < line_length_; ++place) {
     const float s = static_cast<float>(place);
     float sum = 0;
@@ -290,7 +340,8 @@ void Sensor::develop(double t_s, uint64_t frame_index, uint8_t* out) {
     linear_[i] *= vignetting_[i];
     total += static_cast<double>(linear_[i]);
   }
-  const double metered = kTargetMean / std::max(total / static_cast<double>(linear_.size()), 1e-3);
+  const double brightness = total / static_cast<double>(linear_.size());
+  const double metered = brightness < kDarkest && gain_ != 0 ? gain_ : kTargetMean / std::max(brightness, 1e-3);
   if (gain_ == 0) {
     gain_ = metered;  // the camera has been running before its first image
     last_t_s_ = t_s;

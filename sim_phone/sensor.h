@@ -5,6 +5,8 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
+#include <memory>
 #include <vector>
 
 #include "pocket_ptam.h"
@@ -13,12 +15,22 @@
 
 namespace pptam::sim {
 
+// Something held before the lens. Its surfaces lie in a frame that keeps the camera's axes (x right, y down, z forward)
+// and whose origin is at position(t_s) in the camera.
+struct Occluder {
+  std::vector<Surface> surfaces;
+  std::function<Vector3d(double t_s)> position;
+};
+
 struct SensorOptions {
   CameraModel model;  // without distortion
   RollingShutter shutter;
   double exposure_s = 0;
   bool noise = true;  // false: no noise, vignetting, gamma or auto-exposure; grey = 255 * light * reflectance
   uint64_t seed = 1;
+  // Factor on all light at a time: lamps, and what covers the lens. Null: 1. Averaged over each line's exposure.
+  std::function<double(double t_s)> light = nullptr;
+  std::shared_ptr<const Occluder> occluder = nullptr;  // may be null
 };
 
 class Sensor {

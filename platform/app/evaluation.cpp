@@ -82,6 +82,19 @@ std::vector<double> position_errors(const std::vector<AssociatedPose>& poses, co
   return errors;
 }
 
+// Poses that lie at least a hundredth of the extent apart along the truth: where the camera stood still counts once, so
+// that a majority of them is a majority of the path.
+std::vector<AssociatedPose> spread_poses(const std::vector<AssociatedPose>& poses, double extent) {
+  std::vector<AssociatedPose> spread;
+  for (const AssociatedPose& pose : poses) {
+    if (spread.empty() ||
+        (pose.truth_T_wc.translation() - spread.back().truth_T_wc.translation()).norm() >= 0.01 * extent) {
+      spread.push_back(pose);
+    }
+  }
+  return spread.size() >= kMinPoses ? spread : poses;
+}
+
 // Least median of squares over triples, then least squares over what lies within 3 sigma of it, until that settles.
 // Holds as long as more than half of the poses are right.
 Similarity fit_robustly(const std::vector<AssociatedPose>& poses, const Similarity& start) {
@@ -262,7 +275,7 @@ Evaluation evaluate(const Trajectory& estimate, const Trajectory& truth, const s
   e.ate_median = median(errors);
   e.covered_fraction = covered_fraction(estimate, truth);
 
-  e.robust_alignment = fit_robustly(e.poses, e.alignment);
+  e.robust_alignment = fit_robustly(spread_poses(e.poses, e.extent), e.alignment);
   const std::vector<double> robust_errors = position_errors(e.poses, e.robust_alignment);
   const Matrix3d world_rotation = robust_world_rotation(e.poses);
   for (size_t i = 0; i < e.poses.size(); ++i) {

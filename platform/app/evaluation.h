@@ -39,7 +39,7 @@ struct Evaluation {
   double extent = 0;       // diagonal of the box round the associated truth positions
 
   Similarity alignment;                              // least squares over all associated positions [Umeyama 1991]
-  Similarity robust_alignment;                       // the same over the poses that agree with the majority
+  Similarity robust_alignment;                       // over the poses that agree with the majority along the path
   double ate_rmse = 0, ate_median = 0, ate_max = 0;  // position error after alignment, units of the truth
   double ate_percent() const { return 100 * ate_rmse / path_length; }
 

@@ -1,9 +1,11 @@
 // pocket-ptam: tracks and maps a recorded or an emulated sequence, and judges the result.
 
 #include <CLI/CLI.hpp>
+#include <cmath>
 #include <cstdio>
 #include <map>
 #include <memory>
+#include <optional>
 
 #include "platform/app/console.h"
 #include "platform/app/evaluation.h"
@@ -16,6 +18,7 @@
 #include "platform/camera/recorded_camera.h"
 #include "sim_phone/motion.h"
 #include "sim_phone/phone_camera.h"
+#include "sim_phone/story.h"
 
 namespace {
 
@@ -118,7 +121,7 @@ void prepare_folder(const std::filesystem::path& folder) {
 }
 
 int run_and_write(platform::Camera& camera, const RunOptions& run_options, const OutputOptions& output,
-                  bool plane_known, const std::string& command) {
+                  bool plane_known, const std::string& command, const sim::Story* story = nullptr) {
   const platform::Trajectory truth = camera.ground_truth();
   const std::filesystem::path folder = output.out.empty()
                                            ? std::filesystem::path("out") / folder_name(camera.info().name)
@@ -152,6 +155,12 @@ int run_and_write(platform::Camera& camera, const RunOptions& run_options, const
     } catch (const InputError& error) {
       summary.evaluation_trouble = error.what();
     }
+  }
+  if (story != nullptr) {
+    const RollingShutter& shutter = log.camera.shutter;
+    const int lines = shutter.axis == RollingShutter::Axis::kColumns ? log.camera.model.width : log.camera.model.height;
+    const float exposed_s = std::abs(shutter.line_time_s) * static_cast<float>(lines) + log.camera.exposure_s;
+    summary.judgement = judge(log, truth, *story, static_cast<double>(exposed_s));
   }
   write_text_outputs(log, folder);
   if (!output.no_report) write_report(folder, log, summary, truth, &warnings);
@@ -233,28 +242,45 @@ int run_program(int argc, char** argv) {
     for (const std::string& name : names) list += (list.empty() ? "One of " : ", ") + name;
     return list;
   };
-  CLI::Option* scene_option =
-      sim->add_option("--scene", phone.scene, listed(sim::scene_names()))->capture_default_str()->type_name("NAME");
+  std::vector<std::string> story_names;
+  std::string story_list = "Stories:\n";
+  for (const sim::StoryKind& kind : sim::stories()) {
+    story_names.push_back(kind.name);
+    story_list += format("  %-16s %s\n", kind.name, kind.says);
+  }
+  std::vector<std::string> chosen_stories, chosen_scenes;
+  CLI::Option* story_option =
+      sim->add_option("--story", chosen_stories, "One of the stories below; may be repeated with --suite")
+          ->type_name("NAME")
+          ->expected(1)
+          ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
+  sim->add_option("--scene", chosen_scenes, listed(sim::scene_names()) + "; may be repeated with --suite [desk]")
+      ->type_name("NAME")
+      ->expected(1)
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
   std::vector<std::string> motions = sim::motion_names();
   for (const std::string& name : sim::start_names()) motions.push_back(name);
-  sim->add_option("--motion", phone.motion, listed(motions))->capture_default_str()->type_name("NAME");
+  sim->add_option("--motion", phone.motion, listed(motions))
+      ->capture_default_str()
+      ->type_name("NAME")
+      ->excludes(story_option);
   sim->add_option("--seed", phone.seed, "Of the scene's details, the motion and the noise")
       ->capture_default_str()
       ->type_name("N");
-  sim->add_option("--scene-seed", phone.scene_seed, "Of the scene's details alone [the seed]")->type_name("N");
-  sim->add_option("--duration", phone.duration_s, "Length of the sequence")
-      ->capture_default_str()
-      ->type_name("SECONDS");
+  sim->add_option("--scene-seed", phone.scene_seed, "Of the scene's details alone [the seed]")
+      ->type_name("N")
+      ->excludes(story_option);
+  std::optional<double> duration_s, exposure_s, drop_probability;  // without them a story's own hold
+  sim->add_option("--duration", duration_s, "Length of the sequence [20, or the story's]")->type_name("SECONDS");
   sim->add_option("--readout", readout, "Rolling shutter, rows|columns:+|-:SECONDS [columns:-:0.060]");
-  sim->add_option("--exposure", phone.exposure_s, "Exposure time")->capture_default_str()->type_name("SECONDS");
+  sim->add_option("--exposure", exposure_s, "Exposure time [0.03, or the story's]")->type_name("SECONDS");
   sim->add_option("--fps", phone.frames_per_s, "Frames per second")->capture_default_str()->type_name("N");
   sim->add_flag("--no-noise", no_noise, "An ideal sensor");
-  sim->add_option("--drop", phone.drop_probability, "Probability that the camera drops a frame")
-      ->capture_default_str()
+  sim->add_option("--drop", drop_probability, "Probability that the camera drops a frame [0, or the story's]")
       ->type_name("P");
   sim->add_option("--dump", dump, "Only write the sequence, in TUM layout")->type_name("DIR");
   CLI::Option* suite_flag =
-      sim->add_flag("--suite", suite, "Scenes desk, boxes and walls with several seeds, as a table");
+      sim->add_flag("--suite", suite, "All stories, or those and the scenes named, with several seeds, as a table");
   CLI::Option* study_option =
       sim->add_option("--study", study, "init: many short starts of several kinds, as a table and plots")
           ->type_name("NAME")
@@ -264,7 +290,7 @@ int run_program(int argc, char** argv) {
       ->expected(1)
       ->needs(study_option)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
-  CLI::Option* seeds_option = sim->add_option("--seeds", seeds, "Seeds of each scene or kind, for --suite and --study")
+  CLI::Option* seeds_option = sim->add_option("--seeds", seeds, "Seeds of each story or kind, for --suite and --study")
                                   ->capture_default_str()
                                   ->check(CLI::Range(1, 1000))
                                   ->type_name("N");
@@ -272,14 +298,25 @@ int run_program(int argc, char** argv) {
                                  ->capture_default_str()
                                  ->check(CLI::Range(1, 256))
                                  ->type_name("N");
+  std::string shard;
+  sim->add_option("--shard", shard, "Only the I-th of N parts of the suite's runs")
+      ->type_name("I/N")
+      ->needs(suite_flag);
+  bool compare = false;
+  sim->add_flag("--compare", compare,
+                "In the suite, exploring stories also with a global shutter, and with a rolling one that the system is "
+                "not told of")
+      ->needs(suite_flag);
   add_run_options(sim, &run, &output);
-  sim->footer(
-      "Examples:\n"
-      "  pocket-ptam sim --scene boxes --seed 3 --out out/boxes3\n"
-      "  pocket-ptam sim --readout rows:+:0.030 --fps 30   another phone's shutter\n"
-      "  pocket-ptam sim --dump /tmp/desk                  a sequence for other programs\n"
-      "  pocket-ptam sim --suite --seeds 5 --jobs 2\n"
-      "  pocket-ptam sim --study init --seeds 20 --jobs 2");
+  sim->footer(story_list +
+              "Examples:\n"
+              "  pocket-ptam sim --scene boxes --seed 3 --out out/boxes3\n"
+              "  pocket-ptam sim --story shake --seed 2\n"
+              "  pocket-ptam sim --readout rows:+:0.030 --fps 30   another phone's shutter\n"
+              "  pocket-ptam sim --dump /tmp/desk                  a sequence for other programs\n"
+              "  pocket-ptam sim --suite --seeds 5 --jobs 2 --compare\n"
+              "  pocket-ptam sim --suite --story orbit --story zoom --seeds 20\n"
+              "  pocket-ptam sim --study init --seeds 20 --jobs 2");
 
   CLI::App* replay = app.add_subcommand("replay", "Run on a recorded sequence");
   platform::RecordingOptions recording;
@@ -332,17 +369,49 @@ int run_program(int argc, char** argv) {
       phone.readout_s = parsed.seconds;
     }
     phone.noise = !no_noise;
+    const auto adjust = [&](sim::PhoneOptions* options) {
+      if (duration_s) options->duration_s = *duration_s;
+      if (exposure_s) options->exposure_s = *exposure_s;
+      if (drop_probability) options->drop_probability = *drop_probability;
+    };
+    const auto adjust_story = [&](sim::PhoneOptions* options) {
+      adjust(options);
+      options->readout_axis = phone.readout_axis;
+      options->readout_s = phone.readout_s;
+      options->noise = phone.noise;
+      options->frames_per_s = phone.frames_per_s;
+    };
+    adjust(&phone);
     if (suite) {
       SuiteOptions options;
-      if (scene_option->count() > 0) options.scenes = {phone.scene};
+      options.stories = chosen_stories;
+      options.scenes = chosen_scenes;
+      if (chosen_stories.empty() && chosen_scenes.empty()) options.stories = story_names;
       options.seeds = seeds;
       options.jobs = jobs;
+      if (!shard.empty()) options.shard = parse_shard(shard);
+      options.compare = compare;
       options.phone = phone;
+      options.adjust_story = adjust_story;
       options.run = run;
       options.out = output.out.empty() ? "out/suite" : output.out;
       options.command = command;
       options.version = PPTAM_VERSION;
+      if (duration_s) options.repeat_options += format(" --duration %g", *duration_s);
+      if (exposure_s) options.repeat_options += format(" --exposure %g", *exposure_s);
+      if (drop_probability) options.repeat_options += format(" --drop %g", *drop_probability);
+      if (!readout.empty()) options.repeat_options += " --readout " + readout;
+      if (no_noise) options.repeat_options += " --no-noise";
       return run_suite(options) == 0 ? kExitOk : kExitBroken;
+    }
+    if (chosen_stories.size() + chosen_scenes.size() > 1)
+      throw InputError("several --story or --scene belong to --suite");
+    if (!chosen_scenes.empty()) phone.scene = chosen_scenes.front();
+    if (!chosen_stories.empty()) {
+      const uint64_t seed = phone.seed;
+      sim::PhoneOptions told = sim::phone_for_story(chosen_stories.front(), seed);
+      adjust_story(&told);
+      phone = told;
     }
     if (!study.empty()) {
       if (study != "init") throw InputError("--study " + study + ": there is only init");
@@ -355,7 +424,10 @@ int run_program(int argc, char** argv) {
     }
     if (!suite && (seeds_option->count() > 0 || jobs_option->count() > 0))
       throw InputError("--seeds and --jobs belong to --suite or --study");
-    const std::unique_ptr<platform::Camera> camera = sim::make_phone_camera(phone);
+    sim::check_phone_options(phone);
+    const auto scene =
+        std::make_shared<const sim::Scene>(sim::make_scene(phone.scene, phone.scene_seed.value_or(phone.seed)));
+    const std::unique_ptr<platform::Camera> camera = sim::make_phone_camera(phone, scene);
     if (!dump.empty()) {
       static Progress* progress = nullptr;
       Progress shown;
@@ -365,7 +437,8 @@ int run_program(int argc, char** argv) {
       std::printf("written to %s\n", dump.c_str());
       return kExitOk;
     }
-    return run_and_write(*camera, run, output, ground_plane_known(phone.scene), command);
+    const sim::Story story = sim::story_of(phone, *scene);
+    return run_and_write(*camera, run, output, ground_plane_known(phone.scene), command, &story);
   }
 
   if (replay->parsed()) {

@@ -334,6 +334,29 @@ std::vector<SummaryRow> summarise(const Evaluation& e) {
   return rows;
 }
 
+std::vector<SummaryRow> summarise(const Judgement& j) {
+  std::vector<SummaryRow> rows;
+  if (!j.initialised) return rows;
+  rows.push_back(
+      {"after the movement", format("first pose %.2f s after the first sideways movement", j.initialised_s)});
+  rows.push_back(
+      {"tracked if expected", format("%d of %d frames (%.1f %%)", j.tracked, j.expected, j.tracked_percent())});
+  rows.push_back({"wrong as good", format("%d of %d (%.2f %%)", j.wrong_good, j.poses, j.wrong_good_percent())});
+  if (j.losses > 0 || j.false_relocalisations > 0) {
+    const std::string longest =
+        std::isnan(j.recovery_s) ? "not all were recovered" : format("longest %.2f s", j.recovery_s);
+    rows.push_back({"recovered", format("%d of %d losses in time, %s; %d false relocalisations", j.recovered, j.losses,
+                                        longest.c_str(), j.false_relocalisations)});
+  }
+  if (!std::isnan(j.jitter_mm)) {
+    rows.push_back(
+        {"standstill", format("%.3f mm rms, %.2f times the covariance's; %.4f degrees, %.2f times; followed "
+                              "%.0f frames after the step",
+                              j.jitter_mm, j.jitter_mm_ratio, j.jitter_deg, j.jitter_deg_ratio, j.lag_frames)});
+  }
+  return rows;
+}
+
 std::vector<SummaryRow> summarise(const RunLog& log, const RunSummary& summary) {
   std::vector<SummaryRow> rows;
   const CostSummary cost = cost_of(log);
@@ -361,6 +384,9 @@ std::vector<SummaryRow> summarise(const RunLog& log, const RunSummary& summary) 
     }
   } else if (!summary.evaluation_trouble.empty()) {
     rows.push_back({"evaluation", summary.evaluation_trouble});
+  }
+  if (summary.judgement) {
+    for (SummaryRow& row : summarise(*summary.judgement)) rows.push_back(std::move(row));
   }
   rows.push_back({"map hash", format("%016llx", static_cast<unsigned long long>(log.map_hash))});
   if (!log.broken.empty()) rows.push_back({"stopped early", log.broken});

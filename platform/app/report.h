@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "platform/app/evaluation.h"
+#include "platform/app/judgement.h"
 #include "platform/app/run.h"
 
 namespace pptam::app {
@@ -18,14 +19,16 @@ struct SummaryRow {
 
 struct RunSummary {
   std::optional<Evaluation> evaluation;
-  std::string evaluation_trouble;  // why there is no evaluation although there is ground truth
-  bool plane_known = false;        // the truth's z = 0 is the scene's dominant plane
-  std::string command;             // how to repeat the run
+  std::optional<Judgement> judgement;  // of the emulated phone's run, with its story
+  std::string evaluation_trouble;      // why there is no evaluation although there is ground truth
+  bool plane_known = false;            // the truth's z = 0 is the scene's dominant plane
+  std::string command;                 // how to repeat the run
   std::string version;
 };
 
 std::vector<SummaryRow> summarise(const RunLog& log, const RunSummary& summary);
 std::vector<SummaryRow> summarise(const Evaluation& evaluation);
+std::vector<SummaryRow> summarise(const Judgement& judgement);
 
 // printf-like formatting into a string.
 [[gnu::format(printf, 1, 2)]] std::string format(const char* pattern, ...);

@@ -1,6 +1,7 @@
 #include "platform/app/run.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <cstdio>
 #include <fstream>
@@ -106,7 +107,13 @@ FrameLog log_of(const TrackResult& result) {
   log.pose_valid = result.pose_valid;
   log.blurred = result.blurred;
   log.keyframe_added = result.keyframe_added;
-  if (result.pose_valid) log.T_wc = camera_to_world(result.T_cw);
+  if (result.pose_valid) {
+    log.T_wc = camera_to_world(result.T_cw);
+    // With T_cw <- exp(mu) T_cw the centre moves by -R^T times mu's translation: the traces are those of mu's blocks.
+    const auto variances = result.covariance.diagonal().cast<double>();
+    log.position_sigma = std::sqrt(std::max(0.0, variances[0] + variances[1] + variances[2]));
+    log.rotation_sigma = std::sqrt(std::max(0.0, variances[3] + variances[4] + variances[5]));
+  }
   log.points_attempted = result.points_attempted;
   log.points_found = result.points_found;
   log.points_inliers = result.points_inliers;

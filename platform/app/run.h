@@ -44,6 +44,8 @@ struct FrameLog {
   bool blurred = false;
   bool keyframe_added = false;
   Eigen::Isometry3d T_wc = Eigen::Isometry3d::Identity();
+  double position_sigma = 0;  // reported: rms error of the camera centre, world units
+  double rotation_sigma = 0;  // and of the orientation, radians
   int points_attempted = 0, points_found = 0, points_inliers = 0;
   int partial_attempted = 0, partial_found = 0;
   int keyframes = 0, map_points = 0;

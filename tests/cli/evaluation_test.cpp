@@ -139,6 +139,19 @@ TEST(Evaluation, InjectedWrongPosesAreCountedAndDoNotSpoilTheOthers) {
   }
 }
 
+TEST(Evaluation, ALongRestAtAWrongPlaceDoesNotOutvoteThePath) {
+  Trajectory truth = wavy_path(100);
+  for (int i = 100; i < 400; ++i) {
+    truth.push_back(truth[99]);
+    truth.back().timestamp_ns = i * kFrameNs;
+  }
+  Trajectory estimate = transformed(truth, 0.3, AngleAxisd(0.8, Vector3d::UnitY()).toRotationMatrix(), {1, 2, 3});
+  for (size_t i = 100; i < 400; ++i) estimate[i].T_wc.translation().x() += 0.3;  // one unit of the truth
+  const Evaluation e = judge(estimate, truth);
+  EXPECT_EQ(e.wrong_poses, 300);
+  for (size_t i = 0; i < 100; ++i) EXPECT_FALSE(e.poses[i].wrong) << i;
+}
+
 TEST(Evaluation, TurnedPosesAreWrongBeyondTheLimitOnly) {
   const Trajectory truth = wavy_path(200);
   const auto wrong_with_turns_of = [&](double degrees) {

@@ -10,6 +10,7 @@
 #include <iterator>
 #include <sstream>
 #include <string>
+#include <utility>
 #include <vector>
 
 namespace {
@@ -78,6 +79,7 @@ TEST_F(Program, HelpShowsEveryCommandWithExamples) {
     EXPECT_TRUE(contains(answer.out, "Example")) << command;
     EXPECT_TRUE(answer.err.empty()) << answer.err;
   }
+  EXPECT_TRUE(contains(run("sim --help").out, "rotation_start")) << "the stories";
   const Answer version = run("--version");
   EXPECT_EQ(version.code, 0);
   EXPECT_TRUE(contains(version.out, "pocket-ptam ")) << version.out;
@@ -109,6 +111,16 @@ TEST_F(Program, BadInputIsOneLineThatNamesItAndLeavesNothingBehind) {
       {"sim --seeds 3 --out o", "--suite"},
       {"sim --suite --jobs 0 --out o", "jobs"},
       {"sim --suite --scene moon --out o", "moon"},
+      {"sim --story flood --out o", "flood"},
+      {"sim --suite --story flood --out o", "flood"},
+      {"sim --story orbit --story zoom --out o", "--suite"},
+      {"sim --story orbit --motion calm --out o", "--story"},
+      {"sim --shard 1/2 --out o", "--suite"},
+      {"sim --compare --out o", "--suite"},
+      {"sim --suite --shard 3/2 --out o", "3/2"},
+      {"sim --suite --shard 0/4 --out o", "0/4"},
+      {"sim --suite --shard 1 --out o", "1/4"},
+      {"sim --suite --shard 1/2x --out o", "1/2x"},
       {"sim --study life --out o", "life"},
       {"sim --study init --kind sphere --out o", "sphere"},
       {"sim --study init --suite --out o", "--suite"},
@@ -155,6 +167,76 @@ TEST_F(Program, AStudyNamesHowToRepeatEachTrial) {
       run("sim --duration 1 --no-overlay --no-report --out t " + row.substr(from, row.find(',', from) - from));
   EXPECT_EQ(trial.code, 0) << trial.err;
   EXPECT_TRUE(contains(trial.out, "plane, start, seed 1")) << trial.out;
+}
+
+std::vector<std::string> lines_of(const std::string& text) {
+  std::istringstream stream(text);
+  std::vector<std::string> lines;
+  for (std::string line; std::getline(stream, line);) lines.push_back(line);
+  return lines;
+}
+
+TEST_F(Program, ASuitesShardsAreItsRuns) {
+  // One story and one scene of two seeds, too short for a map: what matters is which runs there are.
+  const std::string suite = "sim --suite --story sparse --scene checkerboard --seeds 2 --duration 0.5 --jobs 2 ";
+  const Answer whole = run(suite + "--out whole");
+  ASSERT_EQ(whole.code, 0) << whole.err;
+  for (const char* part : {"sparse median", "checkerboard median", "worst", "goal", "runs that initialised", "0 of 4",
+                           "pocket-ptam sim --story sparse --seed 2 --duration 0.5: no map"}) {
+    EXPECT_TRUE(contains(whole.out, part)) << part << "\n" << whole.out;
+  }
+  ASSERT_EQ(run(suite + "--shard 1/3 --out first").code, 0);
+  ASSERT_EQ(run(suite + "--shard 2/3 --out second").code, 0);
+  ASSERT_EQ(run(suite + "--shard 3/3 --out third").code, 0);
+  std::vector<std::string> all = lines_of(read_all(folder_ / "whole/suite.csv"));
+  ASSERT_EQ(all.size(), 5u) << "a head and four runs";
+  std::vector<std::string> parts = {all.front()};
+  for (const char* name : {"first", "second", "third"}) {
+    const std::vector<std::string> lines = lines_of(read_all(folder_ / name / "suite.csv"));
+    ASSERT_GE(lines.size(), 2u) << name;
+    EXPECT_EQ(lines.front(), all.front());
+    parts.insert(parts.end(), lines.begin() + 1, lines.end());
+  }
+  std::sort(all.begin(), all.end());
+  std::sort(parts.begin(), parts.end());
+  EXPECT_EQ(all, parts);
+  for (const std::string& line : all) {
+    EXPECT_EQ(std::count(line.begin(), line.end(), ','), std::count(all.front().begin(), all.front().end(), ','))
+        << line;
+  }
+  const std::string page = read_all(folder_ / "whole/suite.html");
+  EXPECT_TRUE(contains(page, "</html>") && contains(page, "a plain table")) << "the stories' lines";
+}
+
+TEST_F(Program, ASuiteComparesShutters) {
+  const Answer answer = run("sim --suite --story desk_calm --seeds 1 --duration 6 --compare --out o");
+  ASSERT_EQ(answer.code, 0) << answer.err;
+  EXPECT_TRUE(contains(answer.out, "times that with a global shutter")) << answer.out;
+  const std::vector<std::string> lines = lines_of(read_all(folder_ / "o/suite.csv"));
+  ASSERT_EQ(lines.size(), 2u);
+  std::vector<std::string> heads, cells;
+  for (const auto& [line, into] : {std::pair(lines[0], &heads), std::pair(lines[1], &cells)}) {
+    std::istringstream stream(line);
+    for (std::string cell; std::getline(stream, cell, ',');) into->push_back(cell);
+  }
+  const auto value = [&](const std::string& name) {
+    const auto at = std::find(heads.begin(), heads.end(), name);
+    if (at == heads.end()) ADD_FAILURE() << name << " is no column";
+    return at == heads.end() ? 0 : std::atof(cells[static_cast<size_t>(at - heads.begin())].c_str());
+  };
+  for (const char* name : {"initialised_s", "tracked_percent", "ate_percent", "frame_minstructions_median",
+                           "frame_minstructions_p99", "global_ate_percent", "unmodelled_ate_percent"}) {
+    EXPECT_GT(value(name), 0) << name;
+  }
+  for (const char* name : {"seed", "wrong_percent", "wrong_good_percent", "false_relocalisations", "recovered_percent",
+                           "recovery_s", "jitter_mm", "jitter_mm_ratio", "jitter_deg", "jitter_deg_ratio", "lag_frames",
+                           "plane_deg", "frames_expected", "frames_tracked", "losses", "recovered", "repeat"}) {
+    EXPECT_NE(std::find(heads.begin(), heads.end(), name), heads.end()) << name;
+  }
+  EXPECT_NEAR(value("ate_to_global"), value("ate_percent") / value("global_ate_percent"), 1e-3);
+  // Three different runs.
+  EXPECT_NE(value("ate_percent"), value("unmodelled_ate_percent"));
+  EXPECT_NE(value("ate_percent"), value("global_ate_percent"));
 }
 
 // A CSV without the columns whose name ends in _us: those hold times.
