@@ -21,6 +21,7 @@ enum class Work : uint8_t {
   kPatchCandidate,    // one candidate position compared by zero-mean SSD
   kPatchRefineStep,   // one iteration of sub-pixel refinement
   kPosePoint,         // one point in one iteration of the pose update
+  kPoseProjection,    // one point projected and differentiated in it
   kHomographyPoint,   // one point in one iteration of the homography update
   kKeyframePixel,     // one pixel copied into a keyframe
   kBundleProjection,  // one measurement projected and differentiated
@@ -46,7 +47,8 @@ struct PhoneProfile {
       6000,  // kPatchWarp: with the affine map
       130,   // kPatchCandidate: most are given up after two rows of eight pixels
       2900,  // kPatchRefineStep
-      1900,  // kPosePoint
+      500,   // kPosePoint
+      500,   // kPoseProjection
       1000,  // kHomographyPoint
       1,     // kKeyframePixel
       600,   // kBundleProjection

@@ -2,8 +2,9 @@
 //
 // Minimises the Tukey-weighted reprojection error over the pose T_cw at the frame's timestamp and, with a rolling
 // shutter, over the camera's velocity during the readout, which has a prior from the motion model:
-//   e_i = m_i - project(exp(dt(m_i) velocity) T_cw p_i) / sigma_i.
-// Ten reweighted Gauss-Newton iterations; the scale is re-estimated in each from the median.
+//   e_i = (m_i - project(exp(dt(m_i) velocity) T_cw p_i)) / sigma_i.
+// At most eleven reweighted Gauss-Newton iterations; the scale is re-estimated in each from the median. Points are
+// projected in three of them and followed by their Jacobians in the others.
 #pragma once
 
 #include <span>
@@ -29,8 +30,10 @@ struct PosePoint {
 constexpr float kVelocitySigmaRotation = 0.08f;     // radians/s
 constexpr float kVelocitySigmaTranslation = 0.02f;  // mean scene depths/s
 
+// The velocity expected at the pose exp(mu) T_start is mean + rate_per_s * mu: who has moved further was faster.
 struct VelocityPrior {
   Vector6f mean = Vector6f::Zero();  // translation (world units/s), rotation (radians/s)
+  float rate_per_s = 0;              // 0: independent of the pose
   float sigma_translation = 0;       // 1-sigma of each component; 0: velocity is fixed to the mean
   float sigma_rotation = 0;
 };
@@ -53,6 +56,16 @@ PoseUpdate update_pose(const CameraModel& camera, const RollingShutter& shutter,
 // T_cw at dt_s after the frame's timestamp.
 inline SE3 pose_at(const SE3& T_cw, const Vector6f& velocity, float dt_s) {
   return dt_s == 0 ? T_cw : SE3::exp(velocity * dt_s) * T_cw;
+}
+
+// exp(dt velocity) q, a point of the camera's frame dt_s later. To third order: 0.002 px are left at 200 degrees/s and
+// 30 ms on the phone.
+inline Vector3f moved_point(const Vector3f& q, const Vector6f& velocity, float dt_s) {
+  if (dt_s == 0) return q;
+  const Vector3f omega = velocity.tail<3>();
+  const Vector3f first = dt_s * (velocity.head<3>() + omega.cross(q));
+  const Vector3f second = 0.5f * dt_s * omega.cross(first);
+  return q + first + second + (dt_s / 3.0f) * omega.cross(second);
 }
 
 // Projects p_w with the pose of the line on which it falls. Two fixed-point passes: the line is left wrong by about

@@ -110,6 +110,7 @@ void Map::clear() {
   for (MapPoint& point : points) point = MapPoint();
   for (PartialPoint& point : partial_points) point = PartialPoint();
   queued = 0;
+  held = false;
   ready = false;
   limits_hit = 0;
   ++epoch;
@@ -127,7 +128,7 @@ void Map::apply(const Similarity& S) {
     keyframe.velocity_prior.head<3>() *= S.scale;
     keyframe.mean_depth *= S.scale;
   }
-  for (int i = 0; i < queued; ++i) {
+  for (int i = 0; i < queued + held; ++i) {
     transform_pose(queue[i].frame.T_kw);
     queue[i].frame.velocity.head<3>() *= S.scale;
     queue[i].frame.velocity_prior.head<3>() *= S.scale;

@@ -95,6 +95,9 @@ struct Map {
   FixedVector<PartialPoint> partial_points;
   FixedVector<KeyframeCandidate> queue;  // size is the capacity; the first `queued` are waiting, oldest first
   int queued = 0;
+  // The slot after these is filled too, but the tracker still learns how fast the camera was there; it joins the queue
+  // at the next frame.
+  bool held = false;
   uint32_t next_id = 1;
   bool ready = false;       // initial bundle adjustment and alignment are done: poses may be shown
   uint32_t limits_hit = 0;  // LimitBits since the last reset

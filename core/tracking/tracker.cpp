@@ -135,6 +135,7 @@ TrackResult Tracker::track(const Frame& frame, const Clock* clock) {
   if (state_ != TrackingState::kWaiting && !initialiser_.active() && !map_.exists()) {
     state_ = TrackingState::kWaiting;
     hint_ = Hint::kStartLost;
+    good_frames_ = 0;
   }
   follow_map();
   predict(dt_s);
@@ -165,7 +166,8 @@ void Tracker::follow_map() {
   T_cw_ = T_cw_ * map_.transform.T.inverse();
   T_cw_.t *= map_.transform.scale;
   velocity_.head<3>() *= map_.transform.scale;
-  prior_.mean.head<3>() *= map_.transform.scale;
+  last_motion_.head<3>() *= map_.transform.scale;
+  velocity_now_.head<3>() *= map_.transform.scale;
   mean_depth_ *= map_.transform.scale;
 }
 
@@ -185,14 +187,31 @@ void Tracker::predict(float dt_s) {
   }
   T_predicted_ = SE3(R_cp_, motion.t) * T_cw_;
   T_predicted_.R = orthonormalised(T_predicted_.R);
-  prior_.mean.head<3>() = velocity_.head<3>();
-  prior_.mean.tail<3>() = so3_log(R_cp_) / dt_s;
-  prior_.sigma_translation = kVelocitySigmaTranslation * mean_depth_;
-  prior_.sigma_rotation = kVelocitySigmaRotation;
+  frame_interval_s_ = dt_s;
+  prior_ = velocity_prior(T_predicted_);
   const Vector3f omega = prior_.mean.tail<3>();
   const Vector3f v = with_map ? Vector3f(velocity_.head<3>() / mean_depth_) : Vector3f::Zero();
   const float speed = std::sqrt((omega.y() + v.x()) * (omega.y() + v.x()) + (v.y() - omega.x()) * (v.y() - omega.x()));
   blur_px_ = speed * config_.camera.fx * config_.exposure_s;
+}
+
+// What the last poses say of the velocity at this frame's timestamp, if the pose is T_cw: the mean since the last frame,
+// and on by half of what it has changed (the second-order backward difference). Without a believed last pose the
+// rotation seen by the full frame.
+VelocityPrior Tracker::velocity_prior(const SE3& T_cw) const {
+  VelocityPrior prior;
+  prior.sigma_translation = kVelocitySigmaTranslation * mean_depth_;
+  prior.sigma_rotation = kVelocitySigmaRotation;
+  if (good_frames_ < 1) {
+    prior.mean.head<3>() = velocity_.head<3>();
+    prior.mean.tail<3>() = so3_log(R_cp_) / frame_interval_s_;
+    return prior;
+  }
+  const Vector6f mean_since = (T_cw * T_cw_.inverse()).log() / frame_interval_s_;
+  const float ahead = good_frames_ < 2 ? 0 : frame_interval_s_ / (frame_interval_s_ + last_interval_s_);
+  prior.mean = mean_since + ahead * (mean_since - last_motion_);
+  prior.rate_per_s = (1 + ahead) / frame_interval_s_;
+  return prior;
 }
 
 // A tap, or by itself after a moment of rest.
@@ -373,7 +392,7 @@ Tracker::MapTracking Tracker::track_map(const SE3& T_predicted, const VelocityPr
     const MapTracking coarse = search_and_update(T_start, velocity, 2, 7.0f);
     if (coarse.pose.ok && coarse.quality != TrackingQuality::kBad) {
       T_start = coarse.pose.T_cw;
-      velocity.mean = coarse.pose.velocity;
+      velocity = velocity_prior(T_start);
       select_points(T_start, velocity.mean);
     }
   }
@@ -397,6 +416,7 @@ void Tracker::track_with_map(float dt_s, TrackResult* result) {
 
   const bool confirming = confirm_ > 0;
   if (tracking.quality == TrackingQuality::kBad || (confirming && tracking.quality != TrackingQuality::kGood)) {
+    if (map_.held) release_keyframe(nullptr, dt_s);
     T_cw_ = T_predicted_;
     velocity_ *= std::max(0.0f, 1.0f - 3.0f * dt_s);
     good_frames_ = 0;
@@ -416,6 +436,7 @@ void Tracker::track_with_map(float dt_s, TrackResult* result) {
     return;
   }
 
+  prior_ = velocity_prior(tracking.pose.T_cw);
   accept(tracking.pose, dt_s);
   if (confirming && ++confirm_ < kFramesToConfirm) return;
   confirm_ = 0;
@@ -445,7 +466,7 @@ void Tracker::track_with_map(float dt_s, TrackResult* result) {
       update_partial_points(result);
       mark_stage(Stage::kPartial, result);
       if (wants_keyframe(tracking)) {
-        queue_keyframe();
+        hold_keyframe();
         result->keyframe_added = true;
         mark_stage(Stage::kKeyframe, result);
       }
@@ -457,10 +478,13 @@ void Tracker::accept(const PoseUpdate& pose, float dt_s) {
   const SE3 motion = pose.T_cw * T_cw_.inverse();
   Vector6f measured = motion.log() / dt_s;
   if (bad_frames_ > 0 || good_frames_ == 0) measured.head<3>().setZero();  // the last pose was a guess
+  if (map_.held) release_keyframe(&measured, dt_s);
+  last_motion_ = measured;
+  last_interval_s_ = dt_s;
   const float decay = det_exp(-kVelocityDecayRate * dt_s);
   velocity_ = decay * (kVelocityBlend * measured + (1 - kVelocityBlend) * velocity_);
   T_cw_ = pose.T_cw;
-  prior_.mean = pose.velocity;
+  velocity_now_ = pose.velocity;
   bad_frames_ = 0;
   ++good_frames_;
   float depth_sum = 0;
@@ -481,9 +505,8 @@ void Tracker::relocalise(TrackResult* result) {
   mark_stage(Stage::kInitialise, result);
   if (candidate.keyframe < 0) return;
   mean_depth_ = map_.keyframes[candidate.keyframe].mean_depth;
-  VelocityPrior prior = prior_;
-  prior.mean.head<3>().setZero();
-  prior.sigma_translation = kVelocitySigmaTranslation * mean_depth_;
+  good_frames_ = 0;
+  const VelocityPrior prior = velocity_prior(candidate.T_cw);
   const MapTracking tracking = track_map(candidate.T_cw, prior, SearchMode::kWide);
   mark_stage(Stage::kSearch, result);
   result->points_attempted = tracking.attempted;
@@ -521,7 +544,7 @@ void Tracker::update_partial_points(TrackResult* result) {
       continue;
     }
     const auto project_at = [&](float q, Vector2f* px, SE3* T_line) {
-      return project_rolling(config_.camera, config_.shutter, T_cw_, prior_.mean, T_wk * Vector3f(partial.ray / q), px,
+      return project_rolling(config_.camera, config_.shutter, T_cw_, velocity_now_, T_wk * Vector3f(partial.ray / q), px,
                              T_line);
     };
     Vector2f px, px_near, px_far;
@@ -568,7 +591,7 @@ void Tracker::update_partial_points(TrackResult* result) {
 }
 
 bool Tracker::wants_keyframe(const MapTracking& tracking) const {
-  if (map_.queued >= map_.queue.size()) return false;
+  if (map_.held || map_.queued >= map_.queue.size()) return false;
   if (map_.keyframes.size() + map_.queued >= map_.keyframes.capacity()) {
     map_.limits_hit |= kLimitKeyframes;
     return false;
@@ -593,12 +616,14 @@ bool Tracker::wants_keyframe(const MapTracking& tracking) const {
   return sparse && nearest_alike > kKeyframeMinDistance * mean_depth_;
 }
 
-void Tracker::queue_keyframe() {
-  KeyframeCandidate& candidate = map_.queue[map_.queued++];
+void Tracker::hold_keyframe() {
+  KeyframeCandidate& candidate = map_.queue[map_.queued];
+  map_.held = true;
   Keyframe& frame = candidate.frame;
   frame.timestamp_ns = timestamp_ns_;
   frame.T_kw = T_cw_;
-  frame.velocity = frame.velocity_prior = prior_.mean;
+  frame.velocity = velocity_now_;
+  frame.velocity_prior = prior_.mean;
   frame.mean_depth = mean_depth_;
   frame.pyramid = copy_pyramid(pyramid_, frame.storage);
   for (int y = 0; y < small_.height; ++y) std::copy_n(small_.row(y), small_.width, frame.small.row(y));
@@ -614,6 +639,17 @@ void Tracker::queue_keyframe() {
     candidate.measurements.push_back(measurement);
   }
   last_keyframe_ns_ = timestamp_ns_;
+}
+
+// Into the queue. Its velocity was expected from the past; from the motion to the next frame, if that is known, the
+// central difference is: the mean of both sides' velocities, the nearer one's counting more.
+void Tracker::release_keyframe(const Vector6f* motion_since, float dt_s) {
+  if (motion_since && good_frames_ >= 2) {
+    Keyframe& frame = map_.queue[map_.queued].frame;
+    frame.velocity_prior = (dt_s * last_motion_ + last_interval_s_ * *motion_since) / (dt_s + last_interval_s_);
+  }
+  ++map_.queued;
+  map_.held = false;
 }
 
 }  // namespace pptam

@@ -43,6 +43,7 @@ class Tracker {
 
   void prepare_frame(const Frame& frame);
   void predict(float dt_s);
+  VelocityPrior velocity_prior(const SE3& T_cw) const;
   MapTracking track_map(const SE3& T_predicted, const VelocityPrior& prior, SearchMode mode);
   MapTracking search_and_update(const SE3& T_start, const VelocityPrior& prior, int level, float radius_px);
   void select_points(const SE3& T_cw, const Vector6f& velocity);
@@ -52,7 +53,8 @@ class Tracker {
   bool wants_start(float dt_s);
   void update_partial_points(TrackResult* result);
   bool wants_keyframe(const MapTracking& tracking) const;
-  void queue_keyframe();
+  void hold_keyframe();
+  void release_keyframe(const Vector6f* motion_since, float dt_s);
   void accept(const PoseUpdate& pose, float dt_s);
   void mark_stage(Stage stage, TrackResult* result);
 
@@ -80,6 +82,9 @@ class Tracker {
   // Camera state.
   SE3 T_cw_;                              // last believed or predicted pose
   Vector6f velocity_ = Vector6f::Zero();  // motion model: world units/s and radians/s, camera frame
+  Vector6f velocity_now_ = Vector6f::Zero();  // of the last pose update, at its frame's timestamp
+  Vector6f last_motion_ = Vector6f::Zero();  // between the last two believed poses, per second
+  float last_interval_s_ = 0;                // between these two
   float mean_depth_ = 1;
   uint32_t transform_count_ = 0;
   int bad_frames_ = 0;
@@ -91,6 +96,7 @@ class Tracker {
   // This frame's prediction.
   Matrix3f R_cp_ = Matrix3f::Identity();
   bool rotation_ok_ = false;
+  float frame_interval_s_ = 0;
   SE3 T_predicted_;
   VelocityPrior prior_;
   float blur_px_ = 0;
