@@ -14,39 +14,9 @@
 #include <cstdint>
 
 #include "base/containers.h"
+#include "mapping/block_product.h"
 
 namespace pptam {
-
-constexpr int kBlock = 6;                       // rows and columns
-constexpr int kBlockNumbers = kBlock * kBlock;  // element (r, c) of a block at c * kBlock + r
-
-// C -= A B^T with panels A and B of `depth` columns, a multiple of 3. Three columns of C at a time are 18 sums in
-// registers, which a VFP has 32 of: nine loads for 18 multiply-subtracts.
-template <class Scalar>
-inline void subtract_product(Scalar* c, const Scalar* a, const Scalar* b, int depth) {
-  constexpr int kColumns = 3;
-  for (int half = 0; half < kBlock; half += kColumns, c += kColumns * kBlock) {
-    Scalar sum[kColumns][kBlock];
-#pragma GCC unroll 6
-    for (int s = 0; s < kColumns; ++s)
-#pragma GCC unroll 6
-      for (int r = 0; r < kBlock; ++r) sum[s][r] = c[s * kBlock + r];
-    const Scalar* left = a;
-    const Scalar* right = b + half;
-    for (const Scalar* const end = a + depth * kBlock; left != end; left += 3 * kBlock, right += 3 * kBlock) {
-#pragma GCC unroll 3
-      for (int k = 0; k < 3; ++k)
-#pragma GCC unroll 6
-        for (int r = 0; r < kBlock; ++r)
-#pragma GCC unroll 6
-          for (int s = 0; s < kColumns; ++s) sum[s][r] -= left[k * kBlock + r] * right[k * kBlock + s];
-    }
-#pragma GCC unroll 6
-    for (int s = 0; s < kColumns; ++s)
-#pragma GCC unroll 6
-      for (int r = 0; r < kBlock; ++r) c[s * kBlock + r] = sum[s][r];
-  }
-}
 
 template <class Scalar>
 class BlockSystem {

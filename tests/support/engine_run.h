@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <ctime>
 #include <memory>
 #include <span>
 #include <vector>
@@ -61,6 +62,7 @@ class EngineRun : public Background {
   int iterations() const { return iterations_; }
   int attempts() const { return attempts_; }
   bool converged() const { return converged_; }
+  double seconds() const { return seconds_; }        // of the processor, in all attempts
   double start_cost() const { return start_cost_; }  // at the first step's scale
 
  private:
@@ -91,6 +93,7 @@ class EngineRun : public Background {
 
   Task work(BundleOptions options, int iterations) {
     co_await engine_.start(options);
+    const double begin_s = cpu_seconds();
     for (attempts_ = 0; iterations_ < iterations && !converged_; ++attempts_) {
       co_await engine_.linearise();
       if (attempts_ == 0) start_cost_ = static_cast<double>(engine_.cost());
@@ -99,14 +102,20 @@ class EngineRun : public Background {
       converged_ = outcome == BundleOutcome::kConverged || outcome == BundleOutcome::kExhausted;
       iterations_ += outcome == BundleOutcome::kConverged || outcome == BundleOutcome::kAccepted;
     }
+    seconds_ = cpu_seconds() - begin_s;
     done_ = true;
+  }
+  static double cpu_seconds() {
+    timespec now;
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
+    return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
   }
 
   std::unique_ptr<Memory> memory_;
   Engine engine_;
   Task task_;
   int iterations_ = 0, attempts_ = 0;
-  double start_cost_ = 0;
+  double start_cost_ = 0, seconds_ = 0;
   bool done_ = false, converged_ = false;
 };
 
@@ -157,6 +166,51 @@ std::unique_ptr<EngineRun<Scalar, Pinhole<Scalar>>> make_engine(const BundleProb
   }
   engine.assign_columns();
   return run;
+}
+
+// The objective of an engine's state at scale sigma, in double whatever the engine computes with.
+template <class Engine>
+double cost_in_double(Engine& engine, double sigma) {
+  const Pinhole<double> projection;
+  const double cutoff_sq = std::pow(static_cast<double>(kTukeyCutoff) * sigma, 2);
+  double sum = 0;
+  for (const auto& camera : engine.cameras()) {
+    if (!camera.velocity_free) continue;
+    const auto change = (camera.now.velocity - camera.velocity_prior).template cast<double>();
+    sum += 0.5 * sigma * sigma * change.cwiseAbs2().dot(camera.prior_information.template cast<double>());
+  }
+  for (const auto& point : engine.points()) {
+    for (int k = point.first; k < point.first + point.count; ++k) {
+      const auto& o = engine.observations()[k];
+      const auto& camera = engine.cameras()[o.camera].now;
+      const Eigen::Vector3d q =
+          camera.R.template cast<double>() * point.p.template cast<double>() + camera.t.template cast<double>();
+      const Eigen::Matrix<double, 6, 1> v = camera.velocity.template cast<double>();
+      const Eigen::Vector3d p = q + static_cast<double>(o.dt_s) * (v.head<3>() + v.tail<3>().cross(q));
+      Eigen::Vector2d px;
+      double s = cutoff_sq;
+      if (projection.project(0, p, &px))
+        s = std::min(s, ((o.px.template cast<double>() - px) * static_cast<double>(o.inverse_sigma)).squaredNorm());
+      sum += cutoff_sq / 6 * (1 - std::pow(1 - s / cutoff_sq, 3));
+    }
+  }
+  return sum;
+}
+
+// Root mean square distance of the cameras' centres from the truth after the best similarity, world units.
+template <class Engine>
+double trajectory_error(Engine& engine, const BundleProblem& problem) {
+  const auto count = static_cast<Eigen::Index>(problem.truth.size());
+  Eigen::Matrix3Xd estimate(3, count), truth(3, count);
+  for (Eigen::Index k = 0; k < count; ++k) {
+    const auto& camera = engine.cameras()[static_cast<int>(k)].now;
+    estimate.col(k) = -(camera.R.template cast<double>().transpose() * camera.t.template cast<double>());
+    truth.col(k) = problem.truth[static_cast<size_t>(k)].centre();
+  }
+  const Eigen::Matrix4d S = Eigen::umeyama(estimate, truth, true);
+  const Eigen::Matrix3Xd moved =
+      (S.topLeftCorner<3, 3>() * estimate).colwise() + Eigen::Vector3d(S.topRightCorner<3, 1>());
+  return std::sqrt((moved - truth).squaredNorm() / static_cast<double>(count));
 }
 
 }  // namespace pptam::test
