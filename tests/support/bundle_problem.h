@@ -138,7 +138,7 @@ class BundleProblemMaker {
 
   void add_point(BundleProblem& problem) {
     BundleProblem::Point point;
-    point.truth = {uniform(-0.25, 0.25), uniform(-0.3, 0.3), uniform(0.8, 1.2)};
+    point.truth = {uniform(-0.25, 0.25), uniform(-0.3, 0.3), uniform(0.8, 1.2)};  // braces: in this order
     if (options_.exploring) point.truth.x() += uniform(0, 0.06 * options_.views);
     point.start = point.truth + vector(options_.point_error);
     for (int k = 0; k < options_.views; ++k) {
@@ -153,7 +153,7 @@ class BundleProblemMaker {
       point.observations.erase(point.observations.begin() +
                                static_cast<ptrdiff_t>(engine_() % point.observations.size()));
     for (BundleProblem::Observation& o : point.observations) {
-      o.px += options_.noise * BundleProblem::kSigma_px * Eigen::Vector2d(gaussian(), gaussian());
+      o.px += vector(options_.noise * BundleProblem::kSigma_px).head<2>();
       o.wrong = uniform(0, 1) < options_.outliers;
       if (o.wrong) {
         const double angle = uniform(0, 6.28318), size = uniform(20, 60);

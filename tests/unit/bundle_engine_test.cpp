@@ -7,7 +7,6 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
-#include <string>
 #include <vector>
 
 #include "tests/support/engine_run.h"
@@ -119,35 +118,73 @@ test::BundleProblemOptions random_map(test::Random& random) {
   return options;
 }
 
+// Final cost within 0.1 %, error of the trajectory within 2 %. Tukey's cost has several minima, and once in some
+// hundred maps a rounding decides which of two outliers' is taken: there float must have reached a minimum just as
+// well, from which double gains nothing.
 TEST(BundleEngine, FloatIsAsGoodAsDouble) {
   test::Random random;
-  double worst_cost = 0, worst_error = 0;
-  std::vector<int> iterations;
-  for (int trial = 0; trial < test::trials(100); ++trial) {
-    const test::BundleProblemOptions options = random_map(random);
+  const int maps = test::trials(100);
+  int same = 0;
+  double worst_cost = 0, worst_error = 0, worst_gain = 0;
+  for (int trial = 0; trial < maps; ++trial) {
+    const test::BundleProblemOptions map = random_map(random);
     const uint64_t seed = random.seed() + static_cast<uint64_t>(trial);
-    const test::BundleProblem problem = test::make_bundle_problem(options, seed);
-    const bool velocities = options.readout_s > 0 && options.views <= 16;
+    const test::BundleProblem problem = test::make_bundle_problem(map, seed);
+    const bool velocities = map.readout_s > 0 && map.views <= 16;
+    BundleOptions options;
+    options.converged_at = 1e-5f;
     const auto in_float = test::make_engine<float>(problem, velocities);
     const auto in_double = test::make_engine<double>(problem, velocities);
-    in_float->run(BundleOptions(), 50);
-    in_double->run(BundleOptions(), 50);
-    EXPECT_TRUE(in_float->converged()) << seed;
-    iterations.push_back(in_float->iterations());
-    const double sigma = in_double->engine().sigma();
-    const double cost = test::cost_in_double(in_double->engine(), sigma);
-    const double cost_ratio = test::cost_in_double(in_float->engine(), sigma) / cost;
-    const double error_ratio =
-        test::trajectory_error(in_float->engine(), problem) / test::trajectory_error(in_double->engine(), problem);
-    EXPECT_NEAR(cost_ratio, 1, 1e-3) << "map " << seed;
-    EXPECT_NEAR(error_ratio, 1, 0.02) << "map " << seed;
-    worst_cost = std::max(worst_cost, std::abs(cost_ratio - 1));
-    worst_error = std::max(worst_error, std::abs(error_ratio - 1));
+    in_float->run(options, 100);
+    in_double->run(options, 100);
+    EXPECT_TRUE(in_float->converged()) << "map " << seed;
+    EXPECT_TRUE(in_double->converged()) << "map " << seed;
+
+    options.sigma = static_cast<float>(in_double->engine().sigma());
+    const auto sigma = static_cast<double>(options.sigma);
+    const double cost = test::cost_in_double(in_float->engine(), sigma);
+    const double cost_change = std::abs(cost / test::cost_in_double(in_double->engine(), sigma) - 1);
+    const double error_change = std::abs(
+        test::trajectory_error(in_float->engine(), problem) / test::trajectory_error(in_double->engine(), problem) - 1);
+    if (cost_change < 1e-3 && error_change < 0.02) {
+      ++same;
+      worst_cost = std::max(worst_cost, cost_change);
+      worst_error = std::max(worst_error, error_change);
+    }
+    const auto onwards = test::make_engine<double>(problem, velocities);
+    for (int k = 0; k < onwards->engine().cameras().size(); ++k) {
+      const auto& from = in_float->engine().cameras()[k].now;
+      onwards->engine().cameras()[k].now = {from.R.cast<double>(), from.t.cast<double>(), from.velocity.cast<double>()};
+    }
+    for (int i = 0; i < onwards->engine().points().size(); ++i)
+      onwards->engine().points()[i].p = in_float->engine().points()[i].p.cast<double>();
+    onwards->run(options, 100);
+    const double gain = 1 - test::cost_in_double(onwards->engine(), sigma) / cost;
+    EXPECT_LT(gain, 1e-3) << "map " << seed;
+    worst_gain = std::max(worst_gain, gain);
+  }
+  EXPECT_GE(same, maps - maps / 50);
+  RecordProperty("same_minimum", same);
+  RecordProperty("worst_cost_difference_ppm", static_cast<int>(1e6 * worst_cost));
+  RecordProperty("worst_error_difference_ppm", static_cast<int>(1e6 * worst_error));
+  RecordProperty("worst_gain_ppm", static_cast<int>(1e6 * worst_gain));
+}
+
+TEST(BundleEngine, ConvergesInEightIterationsTypically) {
+  test::Random random;
+  std::vector<int> iterations;
+  for (int trial = 0; trial < test::trials(100); ++trial) {
+    const test::BundleProblemOptions map = random_map(random);
+    const auto run = test::make_engine<float>(
+        test::make_bundle_problem(map, random.seed() + static_cast<uint64_t>(trial)), map.views <= 16);
+    run->run(BundleOptions(), 50);
+    EXPECT_TRUE(run->converged());
+    iterations.push_back(run->iterations());
   }
   std::sort(iterations.begin(), iterations.end());
-  EXPECT_LE(iterations[iterations.size() / 2], 8);
-  RecordProperty("worst_cost_difference", std::to_string(worst_cost));
-  RecordProperty("worst_error_difference", std::to_string(worst_error));
+  EXPECT_LE(iterations[iterations.size() * 9 / 10], 8);
+  RecordProperty("median", iterations[iterations.size() / 2]);
+  RecordProperty("most", iterations.back());
 }
 
 TEST(BundleEngine, ADifferenceOfAThousandthWouldBeSeen) {
