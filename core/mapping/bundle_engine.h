@@ -73,7 +73,7 @@ class BundleEngine {
     State now, tried;
     Vector6 velocity_prior = Vector6::Zero(), prior_information = Vector6::Zero();  // sigma^-2 of each component
     bool pose_free = false, velocity_free = false;
-    int16_t pose_column = -1, velocity_column = -1;  // set by start(); -1: not free
+    int16_t pose_column = -1, velocity_column = -1;  // set by assign_columns(); -1: not free
   };
   struct Point {
     int32_t first = 0, count = 0;  // observations, by ascending camera, at most one of each
@@ -109,7 +109,7 @@ class BundleEngine {
 
   FrameStack& frames() { return background_.frames(); }
 
-  // The problem: fill, then start().
+  // The problem: fill, assign_columns(), start(); then linearise() and attempt() in turn.
   FixedVector<Camera>& cameras() { return cameras_; }
   FixedVector<Point>& points() { return points_; }
   FixedVector<Observation>& observations() { return observations_; }
@@ -118,9 +118,10 @@ class BundleEngine {
     points_.clear();
     observations_.clear();
   }
-  // Columns and the cost at the start. False when the free columns are more than the capacity.
+  // Numbers what is free. False when that is more than the capacity.
   bool assign_columns();
   int columns() const { return columns_; }
+  // The errors at the start.
   Task start(const BundleOptions& options);
   // The scale and the linear problem at the present state; nothing to do if it has not changed.
   Task linearise();
@@ -413,7 +414,11 @@ Scalar BundleEngine<Scalar, Projection>::linearise_observation(Point& point, int
   const Vector3 q = transformed(state, point.p);
   Vector2 px;
   Matrix23 J;  // d(px)/d(p_c)
-  if (!projection_.project(o.camera, moved(q, state.velocity, o.dt_s), &px, &J)) return tukey(kUnseen, &o.weight);
+  if (!projection_.project(o.camera, moved(q, state.velocity, o.dt_s), &px, &J)) {
+    const Scalar cost = tukey(kUnseen, &o.weight);
+    o.weight = 0;  // at an infinite scale too
+    return cost;
+  }
   const Scalar e[2] = {(o.px[0] - px[0]) * o.inverse_sigma, (o.px[1] - px[1]) * o.inverse_sigma};
   const Scalar cost = tukey(e[0] * e[0] + e[1] * e[1], &o.weight);
   if (o.weight == 0) return cost;

@@ -132,6 +132,10 @@ class BundleProblemMaker {
     }
     return seen->px.x() > 0 && seen->px.x() < 239 && seen->px.y() > 0 && seen->px.y() < 319;
   }
+  static double rounded_to_float(double x) {
+    volatile float rounded = static_cast<float>(x);  // GCC 12 leaves out the rounding of a pair to float and back
+    return static_cast<double>(rounded);
+  }
   double line_time(const Eigen::Vector2d& px) const {
     return -(px.x() - BundleProblem::kCentreX_px) * options_.readout_s / 240;
   }
@@ -159,7 +163,7 @@ class BundleProblemMaker {
         const double angle = uniform(0, 6.28318), size = uniform(20, 60);
         o.px += size * Eigen::Vector2d(std::cos(angle), std::sin(angle));
       }
-      o.px = o.px.cast<float>().cast<double>();  // what the map stores
+      for (double& x : o.px) x = rounded_to_float(x);  // what the map holds
       o.dt_s = line_time(o.px);
     }
     problem.points.push_back(point);
