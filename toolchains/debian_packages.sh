@@ -14,7 +14,7 @@ target_packages=(                                       # tests/run.sh runs the 
   g++-arm-linux-gnueabi g++-arm-linux-gnueabihf g++-aarch64-linux-gnu qemu-user
 )
 fuzz_packages=(clang libclang-rt-14-dev)
-bench_packages=(libbenchmark-dev libopencv-video-dev)  # OpenCV's core and imgproc come with its video
+bench_packages=(libbenchmark-dev libceres-dev libopencv-video-dev)  # OpenCV's core and imgproc come with its video
 
 # install_packages NAME...: those that are not installed yet. Calls apt only when one is missing, so that everything
 # works without a network once it is there.

@@ -24,9 +24,12 @@ enum class Work : uint8_t {
   kPoseProjection,    // one point projected and differentiated in it
   kHomographyPoint,   // one point in one iteration of the homography update
   kKeyframePixel,     // one pixel copied into a keyframe
-  kBundleProjection,  // one measurement projected and differentiated
-  kBundleBlock,       // one 6x6 camera-camera outer product
-  kBundleSolve,       // one multiply-add of the reduced camera system's factorisation
+  kBundleError,       // one measurement projected, for its error
+  kBundleProjection,  // one measurement projected and differentiated, its share of the normal equations
+  kBundleMotion,      // what the velocity as an unknown adds to that
+  kBundleBlock,       // one 6x6 product of two cameras' couplings to a point
+  kBundleSolve,       // one 6x6 product of the reduced camera system's factorisation
+  kBundleStep,        // one measurement's share of a point's step
   kOther,             // one instruction
   kCount
 };
@@ -35,8 +38,7 @@ constexpr int kWorkKinds = static_cast<int>(Work::kCount);
 struct PhoneProfile {
   float clock_mhz = 412.0f;             // ARM1176 of the 2009 phone
   float cycles_per_instruction = 1.5f;  // until measured
-  // ARMv6 instructions per unit, as counted in emulation (tests/budget); the copy of keyframes and the bundle's three are
-  // still estimates from the source's operations.
+  // ARMv6 instructions per unit, as counted in emulation (tests/budget); the copy of keyframes is still an estimate.
   std::array<float, kWorkKinds> instructions = {
       9.0f,  // kGreyPixel, of BGRA; YUYV takes 5, RGB 14
       7.0f,  // kPyramidPixel
@@ -51,34 +53,49 @@ struct PhoneProfile {
       500,   // kPoseProjection
       1000,  // kHomographyPoint
       1,     // kKeyframePixel
-      600,   // kBundleProjection
-      350,   // kBundleBlock
-      4,     // kBundleSolve
+      150,   // kBundleError
+      565,   // kBundleProjection
+      425,   // kBundleMotion
+      295,   // kBundleBlock
+      370,   // kBundleSolve
+      91,    // kBundleStep
       1,     // kOther
   };
 };
 
 class WorkMeter {
  public:
-  explicit WorkMeter(const PhoneProfile& profile = {}) : profile_(profile) {}
-  void charge(Work kind, int64_t units) { units_[static_cast<int>(kind)] += units; }
-  // ARMv6 instructions charged so far, by the profile; summed in the order of the kinds.
-  int64_t instructions() const {
-    double sum = 0;
-    for (int i = 0; i < kWorkKinds; ++i) sum += static_cast<double>(units_[i]) * profile_.instructions[i];
-    return static_cast<int64_t>(sum);
+  explicit WorkMeter(const PhoneProfile& profile = {}) { set_profile(profile); }
+  void charge(Work kind, int64_t units) {
+    const int i = static_cast<int>(kind);
+    units_[i] += units;
+    spent_ += units * price_[i];
   }
+  // ARMv6 instructions charged so far, by the profile.
+  int64_t instructions() const { return spent_ >> kFraction; }
   int64_t modelled_ns() const {
     return static_cast<int64_t>(static_cast<double>(instructions()) * profile_.cycles_per_instruction * 1e3 /
                                 profile_.clock_mhz);
   }
   int64_t units(Work kind) const { return units_[static_cast<int>(kind)]; }
   const PhoneProfile& profile() const { return profile_; }
-  void set_profile(const PhoneProfile& profile) { profile_ = profile; }
+  // Prices what has been charged already anew.
+  void set_profile(const PhoneProfile& profile) {
+    profile_ = profile;
+    spent_ = 0;
+    for (int i = 0; i < kWorkKinds; ++i) {
+      price_[i] = static_cast<int64_t>(profile.instructions[i] * (1 << kFraction));
+      spent_ += units_[i] * price_[i];
+    }
+  }
 
  private:
+  // Whole numbers: background jobs ask after every few thousand instructions, and conversions would cost as many.
+  static constexpr int kFraction = 8;  // bits
   PhoneProfile profile_;
   std::array<int64_t, kWorkKinds> units_ = {};
+  std::array<int64_t, kWorkKinds> price_ = {};  // instructions * 2^kFraction
+  int64_t spent_ = 0;                           // the same
 };
 
 }  // namespace pptam

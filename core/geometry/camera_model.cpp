@@ -242,6 +242,12 @@ bool CameraModel::project(const Vector3f& p_c, Vector2f* px, Matrix23f* J_px_p) 
   if (!(p_c.z() > 0.0f)) return false;
   const Vector2f x(p_c.x() / p_c.z(), p_c.y() / p_c.z());
   if (!(x.dot(x) <= max_radius_sq)) return false;
+  if (distortion == Distortion::kNone) {  // the same numbers, shorter
+    *px = Vector2f(fx * x.x() + cx, fy * x.y() + cy);
+    const float inverse_z = 1.0f / p_c.z();
+    *J_px_p << fx * inverse_z, 0.0f, fx * x.x() * -inverse_z, 0.0f, fy * inverse_z, fy * x.y() * -inverse_z;
+    return true;
+  }
   Matrix2f D;
   const Vector2f distorted = distort(*this, x, &D);
   *px = Vector2f(fx * distorted.x() + cx, fy * distorted.y() + cy);

@@ -1,22 +1,21 @@
-// Bundle adjustment of keyframes and points [ptam 6.3, phone 3], in slices.
+// Bundle adjustment of keyframes and points [ptam 6.3, phone 3], in slices: what the engine gets from the map, and what
+// goes back.
 //
-// Levenberg-Marquardt on Tukey-weighted reprojection errors, Schur complement onto the cameras, dense blocked Cholesky
-// of our own in fixed order. N points, M keyframes, T measurements a point: O(NT) projections, O(NT^2) outer products,
-// O(M^3) solve. Works on its own snapshot and commits whole accepted steps, so that the tracker never sees a
-// half-updated map; stops between steps when a new keyframe waits.
+// The engine (mapping/bundle_engine.h) works on a snapshot; whole accepted steps are committed, so that the tracker
+// never sees a half-updated map. It stops between steps when a new keyframe waits. A step that fails leaves everything
+// as it was.
 //
-// Rolling shutter: a measurement is predicted at its own line's time, p_c = q + dt (v + w x q), q = T p, with the
-// keyframe's velocity (v, w). Beyond [phone 6] the velocities may be unknowns too, with a prior from the tracker: the
-// camera blocks then have 12 rows in place of 6.
+// Rolling shutter: a measurement is predicted at its own line's time with the keyframe's velocity. Beyond [phone 6] the
+// velocities may be unknowns too, with a prior from the tracker: each then takes a column beside that of its pose.
 #pragma once
 
-#include "base/containers.h"
 #include "map/map.h"
+#include "mapping/bundle_engine.h"
 #include "scheduler/task.h"
 
 namespace pptam {
 
-// With more free keyframes than this, velocities are held: blocks of 12 rows cost four to eight times as much.
+// With more free keyframes than this, velocities are held: twice the columns cost four to eight times as much.
 constexpr int kMaxVelocityCameras = 16;
 
 struct BundleResult {
@@ -40,76 +39,25 @@ class BundleAdjuster {
   FrameStack& frames() { return background_.frames(); }
 
  private:
-  struct Camera {
-    SE3 T, T_new;
-    Vector6f velocity = Vector6f::Zero(), velocity_new = Vector6f::Zero(), velocity_prior = Vector6f::Zero();
-    int column = -1;         // among the free cameras; -1: fixed
-    bool pose_free = false;  // the first keyframe's pose is the datum; its velocity may be free all the same
-    float depth = 1;
+  struct Projection {
+    const CameraModel* camera;
+    bool project(int, const Vector3f& p_c, Vector2f* px) const { return camera->project(p_c, px); }
+    bool project(int, const Vector3f& p_c, Vector2f* px, Matrix23f* J) const { return camera->project(p_c, px, J); }
   };
-  struct Point {
-    int32_t index = 0;  // in Map::points
-    int32_t first = 0;  // observations [first, first + count)
-    int32_t count = 0;
-    Vector3f p = Vector3f::Zero(), p_new = Vector3f::Zero();
-    Matrix3f V = Matrix3f::Zero();
-    Vector3f eb = Vector3f::Zero();
-  };
-  struct Observation {
-    int16_t camera = 0;       // keyframe index
-    int16_t measurement = 0;  // index in the point's list
-    Vector2f px = Vector2f::Zero();
-    float dt_s = 0;  // of its line
-    float inv_sigma = 1;
-    float weight = 0;
-    float error_sq = 0;
-    Vector2f e = Vector2f::Zero();
-    Matrix26f A = Matrix26f::Zero();    // d(px)/d(pose) / sigma
-    Matrix26f A_v = Matrix26f::Zero();  // d(px)/d(velocity) / sigma
-    Matrix23f B = Matrix23f::Zero();    // d(px)/d(point) / sigma
-  };
+  using Engine = BundleEngine<float, Projection>;
 
-  Task gather(int newest);
-  template <int N>
-  Task iterate(int max_iterations);
-  Task linearise();
-  template <int N>
-  Task build_reduced_system(float lambda);
-  template <int N>
-  Task solve_reduced_system();
-  template <int N>
-  Task evaluate_step();
+  Task gather(int newest, bool velocities);
+  void free_cameras(int newest, bool velocities);
   Task discard_outliers();
   void commit();
-  void hold_scale();
-  float prior_cost(const Camera& camera, const Vector6f& velocity) const;
-  Vector6f prior_information(const Camera& camera) const;
-  // Lower triangle of NxN blocks, row by row; i >= j.
-  template <int N>
-  Eigen::Map<Eigen::Matrix<float, N, N>> block(int i, int j) {
-    return Eigen::Map<Eigen::Matrix<float, N, N>>(S_.data() + (i * (i + 1) / 2 + j) * N * N);
-  }
-  template <int N>
-  Eigen::Map<Eigen::Matrix<float, N, 1>> rhs(int i) {
-    return Eigen::Map<Eigen::Matrix<float, N, 1>>(rhs_.data() + i * N);
-  }
+  void hold_scale(const SE3& T_last);
 
   const Config& config_;
   Map& map_;
   WorkMeter& meter_;
   Background& background_;
-  FixedVector<Camera> cameras_;  // one per keyframe
-  FixedVector<Point> points_;
-  FixedVector<Observation> observations_;
-  FixedVector<float> S_;
-  FixedVector<float> rhs_;
-  FixedVector<float> squared_;
-  int free_cameras_ = 0;
-  float sigma_ = 1;
-  float lambda_ = 0;
-  float cost_ = 0, new_cost_ = 0;
-  bool solved_ = false;
-  bool with_velocities_ = false;
+  Engine engine_;
+  FixedVector<int32_t> point_indices_;  // of the engine's points, in Map::points
   BundleResult result_;
 };
 
