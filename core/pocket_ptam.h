@@ -53,6 +53,9 @@ struct Config {
   // view; again whenever it has failed, until there is a map.
   bool auto_start = false;
   float min_keyframe_interval_s = 0.2f;
+  // A camera that stands still is shown still: while the whole image is at rest the pose shown follows the measured one
+  // only as far as noise does not explain the difference. Off: every pose as measured.
+  bool steady_damping = true;
 
   PhoneProfile profile;  // turns charged work into time (the work clock)
 
@@ -106,6 +109,7 @@ enum class ObservedKind : uint8_t {
   kInlier,   // map point measured and used
   kOutlier,  // measured, zero weight
   kMissed,   // searched and not found; px is the prediction
+  kHidden,   // the same, but a neighbour is seen much nearer: it is probably behind
   kPartial,  // partial point measured
   kInitial   // initialisation: point of the first view found in this frame
 };
@@ -130,9 +134,10 @@ struct TrackResult {
   bool keyframe_added = false;
   SE3 T_cw;
   Matrix6f covariance = Matrix6f::Zero();  // of mu in T_cw <- exp(mu) T_cw, world units and radians
-  int points_attempted = 0;                // map points searched
+  int points_attempted = 0;                // map points searched that should be visible
   int points_found = 0;
   int points_inliers = 0;
+  float reprojection_px = 0;  // rms error of an inlier's coordinate, level-0 pixels
   int partial_attempted = 0;
   int partial_found = 0;
   int keyframes = 0;  // in the map
@@ -145,6 +150,14 @@ struct KeyframeInfo {
   uint32_t id = 0;
   int64_t timestamp_ns = 0;
   SE3 T_cw;
+};
+// How well the map explains what its keyframes measured: the bundle's objective at one fixed scale, so that maps of the
+// same recording made under different assumptions can be compared.
+struct MapFit {
+  int measurements = 0;
+  // Mean Tukey cost of a measurement at a scale of a quarter of its sigma (half a pixel), and the share of the
+  // keyframes' velocities, whose prior is the camera's motion. Squared sigmas.
+  float cost = 0;
 };
 struct MapPointInfo {
   uint32_t id = 0;
@@ -183,6 +196,7 @@ class System {
 
   // Copies up to out.size() entries in the order of their ids; returns how many there are in all.
   int keyframes(std::span<KeyframeInfo> out) const;
+  MapFit map_fit() const;
   int map_points(std::span<MapPointInfo> out) const;
 
   const Config& config() const;

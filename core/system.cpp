@@ -1,6 +1,8 @@
 // Wires tracking, mapping and the map together inside the caller's block of memory.
 #include <new>
 
+#include "geometry/pose_update.h"
+#include "geometry/robust.h"
 #include "image/grey.h"
 #include "mapping/mapper.h"
 #include "pocket_ptam.h"
@@ -178,6 +180,41 @@ int System::map_points(std::span<MapPointInfo> out) const {
     ++count;
   }
   return count;
+}
+
+MapFit System::map_fit() const {
+  constexpr float kScale = 0.25f;
+  const Map& map = impl_->map;
+  const CameraModel& camera = impl_->config.camera;
+  const RollingShutter& shutter = impl_->config.shutter;
+  MapFit fit;
+  double sum = 0;
+  for (const MapPoint& point : map.points) {
+    if (point.id == 0) continue;
+    for (const Measurement& m : point.measurements) {
+      const Keyframe& keyframe = map.keyframes[m.keyframe];
+      const float dt_s = shutter.dt_s(m.px, camera.width, camera.height);
+      Vector2f px;
+      float error_sq = 1e12f;
+      if (camera.project(moved_point(keyframe.T_kw * point.p_w, keyframe.velocity, dt_s), &px))
+        error_sq = (m.px - px).squaredNorm() / (m.sigma * m.sigma);
+      sum += static_cast<double>(tukey_cost(error_sq, kScale));
+      ++fit.measurements;
+    }
+  }
+  if (fit.measurements == 0) return fit;
+  if (shutter.line_time_s != 0) {
+    for (const Keyframe& keyframe : map.keyframes) {
+      const Vector6f difference = keyframe.velocity - keyframe.velocity_prior;
+      const float translation =
+          difference.head<3>().squaredNorm() /
+          (kVelocitySigmaTranslation * kVelocitySigmaTranslation * keyframe.mean_depth * keyframe.mean_depth);
+      const float rotation = difference.tail<3>().squaredNorm() / (kVelocitySigmaRotation * kVelocitySigmaRotation);
+      sum += static_cast<double>(0.5f * kScale * kScale * (translation + rotation));
+    }
+  }
+  fit.cost = static_cast<float>(sum / fit.measurements);
+  return fit;
 }
 
 const Config& System::config() const {

@@ -1,5 +1,6 @@
 #include "tracking/tracker.h"
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 
@@ -19,6 +20,9 @@ constexpr float kPoorFraction = 0.22f;
 constexpr int kGoodInliers = 12;
 constexpr int kPoorInliers = 8;
 constexpr int kBadFramesUntilLost = 3;
+// Who hides a point: seen within so many level-0 px of where it was expected, at less than this share of its depth.
+constexpr float kNeighbour_px = 25.0f;
+constexpr float kHidingDepth = 0.85f;
 constexpr int kFramesToConfirm = 2;
 
 // Image motion within the exposure at which L1 becomes too blurred: a third of the 16 level-0 px that a template
@@ -48,6 +52,21 @@ constexpr float kInverseDepthRange = 2.5f;  // partial points are sought within 
 // does not exceed.
 constexpr float kSteadyTime_s = 0.3f;
 constexpr float kSteadySpeed = 0.2f;
+
+// How far the velocity during a readout may be from the mean since the last frame: this share of the change of the
+// rotation rate from frame to frame, rms of each component over some ten frames; at least what a calm hand needs, at
+// most this in radians/s.
+constexpr float kUnrestShare = 0.5f;
+constexpr float kUnrestBlend = 0.1f;
+constexpr float kMaxSigmaRotation = 0.3f;
+
+// Standing still. Turn of the image between two frames that says so: three times what the full-frame rotation of a
+// still phone shows. Share of the newest difference in the mean, and of a difference that is noise in the pose shown.
+constexpr float kStillTurn_rad = 0.0015f;
+constexpr float kDifferenceBlend = 0.3f;
+constexpr float kSlowestGain = 0.1f;
+// Of a measured patch from frame to frame, in pixels of its level [tests/kernels: 0.024 at contrast 50].
+constexpr float kPatchNoise = 0.03f;
 
 // After a longer gap the motion model's velocity says nothing.
 constexpr float kLongestGap_s = 1.0f;
@@ -165,6 +184,7 @@ void Tracker::follow_map() {
   transform_count_ = map_.transform_count;
   T_cw_ = T_cw_ * map_.transform.T.inverse();
   T_cw_.t *= map_.transform.scale;
+  T_shown_ = T_cw_;
   velocity_.head<3>() *= map_.transform.scale;
   last_motion_.head<3>() *= map_.transform.scale;
   velocity_now_.head<3>() *= map_.transform.scale;
@@ -179,12 +199,15 @@ void Tracker::predict(float dt_s) {
   rotation_ok_ = false;
   if (have_previous_) {
     // The map's translation first, so that only the rotation is left to see (algorithms: the narrow view's pitfall).
-    const RotationEstimate rotation = full_frame_rotation_.estimate(small_previous_, small_, motion.R,
-                                                        with_map ? Vector3f(motion.t / mean_depth_) : Vector3f::Zero());
+    const RotationEstimate rotation = full_frame_rotation_.estimate(
+        small_previous_, small_, motion.R, with_map ? Vector3f(motion.t / mean_depth_) : Vector3f::Zero());
     meter_.charge(Work::kRotationPixel, static_cast<int64_t>(rotation.iterations) * small_.width * small_.height);
     rotation_ok_ = rotation.ok;
     R_cp_ = rotation.ok ? rotation.R_cp : motion.R;
   }
+  const Vector3f turn = so3_log(R_cp_) / dt_s;
+  unrest_sq_ += kUnrestBlend * ((turn - last_turn_).squaredNorm() / 3 - unrest_sq_);
+  last_turn_ = turn;
   T_predicted_ = SE3(R_cp_, motion.t) * T_cw_;
   T_predicted_.R = orthonormalised(T_predicted_.R);
   frame_interval_s_ = dt_s;
@@ -195,22 +218,19 @@ void Tracker::predict(float dt_s) {
   blur_px_ = speed * config_.camera.fx * config_.exposure_s;
 }
 
-// What the last poses say of the velocity at this frame's timestamp, if the pose is T_cw: the mean since the last frame,
-// and on by half of what it has changed (the second-order backward difference). Without a believed last pose the
-// rotation seen by the full frame.
+// What the last pose says of the velocity at this frame's timestamp, if the pose is T_cw: the mean since then. Without
+// a believed last pose the rotation seen by the full frame.
 VelocityPrior Tracker::velocity_prior(const SE3& T_cw) const {
   VelocityPrior prior;
-  prior.sigma_translation = kVelocitySigmaTranslation * mean_depth_;
-  prior.sigma_rotation = kVelocitySigmaRotation;
+  prior.sigma_rotation = std::clamp(kUnrestShare * std::sqrt(unrest_sq_), kVelocitySigmaRotation, kMaxSigmaRotation);
+  prior.sigma_translation = prior.sigma_rotation * (kVelocitySigmaTranslation / kVelocitySigmaRotation) * mean_depth_;
   if (good_frames_ < 1) {
     prior.mean.head<3>() = velocity_.head<3>();
     prior.mean.tail<3>() = so3_log(R_cp_) / frame_interval_s_;
     return prior;
   }
-  const Vector6f mean_since = (T_cw * T_cw_.inverse()).log() / frame_interval_s_;
-  const float ahead = good_frames_ < 2 ? 0 : frame_interval_s_ / (frame_interval_s_ + last_interval_s_);
-  prior.mean = mean_since + ahead * (mean_since - last_motion_);
-  prior.rate_per_s = (1 + ahead) / frame_interval_s_;
+  prior.mean = (T_cw * T_cw_.inverse()).log() / frame_interval_s_;
+  prior.rate_per_s = 1 / frame_interval_s_;
   return prior;
 }
 
@@ -270,8 +290,9 @@ void Tracker::track_initialiser(float dt_s, TrackResult* result) {
 }
 
 // Which points to measure: expected to be visible, spread over the image, reliable ones first, always the same ones in
-// the same view (a changing choice makes the pose jitter).
-void Tracker::select_points(const SE3& T_cw, const Vector6f& velocity) {
+// the same view (a changing choice makes the pose jitter). The best of every cell, then the second best of every cell,
+// and so on.
+void Tracker::select_points(const SE3& T_cw) {
   candidates_.clear();
   selected_.clear();
   int projected = 0;
@@ -284,22 +305,16 @@ void Tracker::select_points(const SE3& T_cw, const Vector6f& velocity) {
     if (point.id == 0) continue;
     ++projected;
     Vector2f px;
-    const Vector3f p_c = T_cw * point.p_w;
-    if (!config_.camera.project(p_c, &px)) continue;
-    if (config_.shutter.line_time_s != 0) {
-      const float dt_s = config_.shutter.dt_s(px, config_.camera.width, config_.camera.height);
-      if (!config_.camera.project(p_c + se3_point_jacobian(p_c) * velocity * dt_s, &px)) continue;
-    }
-    if (!inside(config_.camera, px)) continue;
+    if (!config_.camera.project(T_cw * point.p_w, &px) || !inside(config_.camera, px)) continue;
     const int k = point.source.keyframe;
     const Vector3f from_source = point.p_w - (k < cached ? source_centre[k] : map_.keyframes[k].T_kw.centre());
     const Vector3f from_here = point.p_w - centre;
-    const float distance_source = from_source.norm(), distance_here = from_here.norm();
-    if (distance_here < kMinScale * distance_source || distance_here > kMaxScale * distance_source) continue;
-    if (from_source.dot(from_here) < kMinCosView * distance_source * distance_here) continue;
+    const float source_sq = from_source.squaredNorm(), here_sq = from_here.squaredNorm();
+    if (here_sq < kMinScale * kMinScale * source_sq || here_sq > kMaxScale * kMaxScale * source_sq) continue;
+    const float dot = from_source.dot(from_here);
+    if (dot < 0 || dot * dot < kMinCosView * kMinCosView * source_sq * here_sq) continue;
     Candidate candidate;
     candidate.point = i;
-    candidate.id = point.id;
     const int cx = std::clamp(static_cast<int>(px.x()) * kCellsX / config_.camera.width, 0, kCellsX - 1);
     const int cy = std::clamp(static_cast<int>(px.y()) * kCellsY / config_.camera.height, 0, kCellsY - 1);
     candidate.cell = static_cast<int16_t>(cy * kCellsX + cx);
@@ -308,22 +323,28 @@ void Tracker::select_points(const SE3& T_cw, const Vector6f& velocity) {
     candidates_.push_back(candidate);
   }
   meter_.charge(Work::kPointProjected, projected);
-  std::sort(candidates_.begin(), candidates_.end(), [](const Candidate& a, const Candidate& b) {
-    if (a.cell != b.cell) return a.cell < b.cell;
-    if (a.score != b.score) return a.score > b.score;
-    return a.id < b.id;
-  });
-  for (int i = 0; i < candidates_.size(); ++i) {
-    const bool same_cell = i > 0 && candidates_[i].cell == candidates_[i - 1].cell;
-    candidates_[i].round = same_cell ? static_cast<int16_t>(candidates_[i - 1].round + 1) : int16_t{0};
+  const auto better = [this](int a, int b) {  // ties by the older point
+    const Candidate &x = candidates_[a], &y = candidates_[b];
+    if (x.score != y.score) return x.score > y.score;
+    return map_.points[x.point].id < map_.points[y.point].id;
+  };
+  for (;;) {
+    int best[kCellsX * kCellsY];
+    std::fill(std::begin(best), std::end(best), -1);
+    for (int i = 0; i < candidates_.size(); ++i) {
+      const Candidate& candidate = candidates_[i];
+      if (candidate.taken) continue;
+      int& rival = best[candidate.cell];
+      if (rival < 0 || better(i, rival)) rival = i;
+    }
+    const auto end = std::remove(std::begin(best), std::end(best), -1);
+    if (end == std::begin(best)) return;
+    std::sort(std::begin(best), end, better);
+    for (const int* i = std::begin(best); i != end; ++i) {
+      if (!selected_.push_back(candidates_[*i].point)) return;
+      candidates_[*i].taken = true;
+    }
   }
-  std::sort(candidates_.begin(), candidates_.end(), [](const Candidate& a, const Candidate& b) {
-    if (a.round != b.round) return a.round < b.round;
-    if (a.score != b.score) return a.score > b.score;
-    return a.id < b.id;
-  });
-  for (const Candidate& candidate : candidates_)
-    if (!selected_.push_back(candidate.point)) break;
 }
 
 Tracker::MapTracking Tracker::search_and_update(const SE3& T_start, const VelocityPrior& prior, int level,
@@ -340,7 +361,8 @@ Tracker::MapTracking Tracker::search_and_update(const SE3& T_start, const Veloci
     const MapPoint& point = map_.points[index];
     Vector2f predicted;
     SE3 T_line;
-    if (!project_rolling(config_.camera, config_.shutter, T_start, prior.mean, point.p_w, &predicted, &T_line))
+    if (!project_rolling(config_.camera, config_.shutter, T_start, prior.mean, point.p_w, &predicted, &T_line) ||
+        !inside(config_.camera, predicted))
       continue;
     FoundPatch found;
     const SearchOutcome outcome =
@@ -372,6 +394,7 @@ Tracker::MapTracking Tracker::search_and_update(const SE3& T_start, const Veloci
     if (tracking.pose.ok && pose_points_[found_index].weight > 0) observed.kind = ObservedKind::kInlier;
     ++found_index;
   }
+  if (tracking.pose.ok) tracking.attempted -= excuse_hidden_points(tracking.pose.T_cw);
   if (tracking.pose.ok && tracking.attempted > 0) {
     const float fraction = static_cast<float>(tracking.pose.inliers) / static_cast<float>(tracking.attempted);
     if (fraction >= kGoodFraction && tracking.pose.inliers >= kGoodInliers) {
@@ -383,17 +406,48 @@ Tracker::MapTracking Tracker::search_and_update(const SE3& T_start, const Veloci
   return tracking;
 }
 
+float Tracker::reprojection_px() const {
+  float sum = 0;
+  int count = 0;
+  for (const PosePoint& point : pose_points_) {
+    if (point.weight == 0) continue;
+    sum += point.error_sq * point.sigma * point.sigma;
+    ++count;
+  }
+  return count > 0 ? std::sqrt(0.5f * sum / static_cast<float>(count)) : 0.0f;
+}
+
+// A missed point whose neighbour in the image is seen much nearer is probably behind it, and was not to be expected.
+// Returns how many.
+int Tracker::excuse_hidden_points(const SE3& T_cw) {
+  const auto depth = [&](int i) { return T_cw.R.row(2).dot(map_.points[pose_indices_[i]].p_w) + T_cw.t.z(); };
+  int hidden = 0;
+  for (int i = 0; i < observed_.size(); ++i) {
+    if (observed_[i].kind != ObservedKind::kMissed) continue;
+    const float nearer = kHidingDepth * depth(i);
+    for (int j = 0; j < observed_.size(); ++j) {
+      if (observed_[j].kind != ObservedKind::kInlier || depth(j) > nearer ||
+          (observed_[j].px - observed_[i].predicted_px).squaredNorm() > kNeighbour_px * kNeighbour_px)
+        continue;
+      observed_[i].kind = ObservedKind::kHidden;
+      ++hidden;
+      break;
+    }
+  }
+  return hidden;
+}
+
 Tracker::MapTracking Tracker::track_map(const SE3& T_predicted, const VelocityPrior& prior, SearchMode mode) {
   SE3 T_start = T_predicted;
   VelocityPrior velocity = prior;
-  select_points(T_start, velocity.mean);
+  select_points(T_start);
   if (mode == SearchMode::kWide) {
     // Coarse to fine: a wide circle costs little in L2 and is less ambiguous than in L1.
     const MapTracking coarse = search_and_update(T_start, velocity, 2, 7.0f);
     if (coarse.pose.ok && coarse.quality != TrackingQuality::kBad) {
       T_start = coarse.pose.T_cw;
       velocity = velocity_prior(T_start);
-      select_points(T_start, velocity.mean);
+      select_points(T_start);
     }
   }
   return search_and_update(T_start, velocity, mode == SearchMode::kBlurred ? 2 : 1, 4.0f);
@@ -412,6 +466,7 @@ void Tracker::track_with_map(float dt_s, TrackResult* result) {
   result->points_attempted = tracking.attempted;
   result->points_found = tracking.found;
   result->points_inliers = tracking.pose.inliers;
+  result->reprojection_px = reprojection_px();
   if (tracking.visible > selected_.capacity()) result->limits_hit |= kLimitMeasuredPoints;
 
   const bool confirming = confirm_ > 0;
@@ -441,7 +496,7 @@ void Tracker::track_with_map(float dt_s, TrackResult* result) {
   if (confirming && ++confirm_ < kFramesToConfirm) return;
   confirm_ = 0;
   result->covariance = tracking.pose.covariance;
-  result->T_cw = T_cw_;
+  result->T_cw = shown_pose(tracking.pose);
   if (map_.ready) {
     state_ = TrackingState::kTracking;
     hint_ = Hint::kNone;
@@ -454,6 +509,7 @@ void Tracker::track_with_map(float dt_s, TrackResult* result) {
   if (tracking.quality == TrackingQuality::kGood && !blurred) {
     for (int i = 0; i < observed_.size(); ++i) {
       MapPoint& point = map_.points[pose_indices_[i]];
+      if (observed_[i].kind == ObservedKind::kHidden) continue;
       ++point.attempts;
       if (observed_[i].kind == ObservedKind::kInlier) ++point.found;
       if (point.attempts >= 64) {
@@ -472,6 +528,33 @@ void Tracker::track_with_map(float dt_s, TrackResult* result) {
       }
     }
   }
+}
+
+// The measured pose, damped while the full frame says that the camera stands still. The differences to what is shown
+// are averaged; noise averages out, a movement adds up. Below the noise of such a mean (chi-squared over six degrees of
+// freedom of one) the shown pose follows slowly, at a few times it at once.
+SE3 Tracker::shown_pose(const PoseUpdate& pose) {
+  const bool still =
+      config_.steady_damping && good_frames_ > 2 && rotation_ok_ && so3_log(R_cp_).norm() < kStillTurn_rad;
+  if (!still) {
+    T_shown_ = pose.T_cw;
+    difference_.setZero();
+    return T_shown_;
+  }
+  const Vector6f difference = (pose.T_cw * T_shown_.inverse()).log();
+  difference_ += kDifferenceBlend * (difference - difference_);
+  // The covariance counts all that the map does not explain; from frame to frame only the patches' noise changes.
+  const float noise = kPatchNoise / pose.sigma;
+  const Matrix6f covariance = pose.covariance * (noise * noise * kDifferenceBlend / (2 - kDifferenceBlend));
+  // Scaled to a unit diagonal: float32 would not bear metres beside radians.
+  const Vector6f unit = covariance.diagonal().cwiseSqrt().cwiseInverse();
+  const Matrix6f scaled = unit.asDiagonal() * covariance * unit.asDiagonal();
+  const Vector6f x = unit.cwiseProduct(difference_);
+  const float chi_sq = x.dot(scaled.ldlt().solve(x)) / 6;
+  const float gain = chi_sq >= 0 ? std::clamp((chi_sq - 1) / 3, kSlowestGain, 1.0f) : 1.0f;
+  T_shown_ = SE3::exp(gain * difference) * T_shown_;
+  T_shown_.R = orthonormalised(T_shown_.R);
+  return T_shown_;
 }
 
 void Tracker::accept(const PoseUpdate& pose, float dt_s) {
@@ -544,8 +627,8 @@ void Tracker::update_partial_points(TrackResult* result) {
       continue;
     }
     const auto project_at = [&](float q, Vector2f* px, SE3* T_line) {
-      return project_rolling(config_.camera, config_.shutter, T_cw_, velocity_now_, T_wk * Vector3f(partial.ray / q), px,
-                             T_line);
+      return project_rolling(config_.camera, config_.shutter, T_cw_, velocity_now_, T_wk * Vector3f(partial.ray / q),
+                             px, T_line);
     };
     Vector2f px, px_near, px_far;
     SE3 T_line, T_unused;

@@ -28,9 +28,8 @@ class Tracker {
   struct Candidate {  // a map point that should be visible
     int32_t point = -1;
     int16_t cell = 0;
-    int16_t round = 0;  // place within its cell
+    bool taken = false;
     float score = 0;
-    uint32_t id = 0;
   };
   struct MapTracking {  // what one pass of tracking against the map gave
     PoseUpdate pose;
@@ -46,7 +45,9 @@ class Tracker {
   VelocityPrior velocity_prior(const SE3& T_cw) const;
   MapTracking track_map(const SE3& T_predicted, const VelocityPrior& prior, SearchMode mode);
   MapTracking search_and_update(const SE3& T_start, const VelocityPrior& prior, int level, float radius_px);
-  void select_points(const SE3& T_cw, const Vector6f& velocity);
+  float reprojection_px() const;
+  int excuse_hidden_points(const SE3& T_cw);
+  void select_points(const SE3& T_cw);
   void track_with_map(float dt_s, TrackResult* result);
   void relocalise(TrackResult* result);
   void track_initialiser(float dt_s, TrackResult* result);
@@ -55,6 +56,7 @@ class Tracker {
   bool wants_keyframe(const MapTracking& tracking) const;
   void hold_keyframe();
   void release_keyframe(const Vector6f* motion_since, float dt_s);
+  SE3 shown_pose(const PoseUpdate& pose);
   void accept(const PoseUpdate& pose, float dt_s);
   void mark_stage(Stage stage, TrackResult* result);
 
@@ -80,11 +82,13 @@ class Tracker {
   bool gap_ = false;    // the last frame is too long ago for its motion to tell anything
 
   // Camera state.
-  SE3 T_cw_;                              // last believed or predicted pose
-  Vector6f velocity_ = Vector6f::Zero();  // motion model: world units/s and radians/s, camera frame
+  SE3 T_cw_;                                  // last believed or predicted pose
+  Vector6f velocity_ = Vector6f::Zero();      // motion model: world units/s and radians/s, camera frame
+  SE3 T_shown_;                               // the last one in a TrackResult
+  Vector6f difference_ = Vector6f::Zero();    // mean of the measured poses' differences to it, while still
   Vector6f velocity_now_ = Vector6f::Zero();  // of the last pose update, at its frame's timestamp
-  Vector6f last_motion_ = Vector6f::Zero();  // between the last two believed poses, per second
-  float last_interval_s_ = 0;                // between these two
+  Vector6f last_motion_ = Vector6f::Zero();   // between the last two believed poses, per second
+  float last_interval_s_ = 0;                 // between these two
   float mean_depth_ = 1;
   uint32_t transform_count_ = 0;
   int bad_frames_ = 0;
@@ -92,6 +96,9 @@ class Tracker {
   int confirm_ = 0;      // frames of a relocalisation that have held
   int relocalise_rank_ = 0;
   int64_t last_keyframe_ns_ = 0;
+
+  Vector3f last_turn_ = Vector3f::Zero();  // rotation rate that the full frame showed, radians/s
+  float unrest_sq_ = 0;                    // mean square of its change from frame to frame, of each component
 
   // This frame's prediction.
   Matrix3f R_cp_ = Matrix3f::Identity();

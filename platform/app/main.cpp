@@ -10,6 +10,7 @@
 #include "platform/app/console.h"
 #include "platform/app/evaluation.h"
 #include "platform/app/overlay.h"
+#include "platform/app/readout.h"
 #include "platform/app/report.h"
 #include "platform/app/run.h"
 #include "platform/app/study.h"
@@ -209,8 +210,42 @@ void add_run_options(CLI::App* command, RunOptions* run, OutputOptions* output) 
                    "Of the first view from the dominant plane, in any unit: sets the map's scale")
       ->check(CLI::Range(0.001, 1000.0))
       ->type_name("LENGTH");
+  command->add_flag_callback(
+      "--no-damping", [run] { run->steady_damping = false; }, "Show every pose as measured, also of a camera at rest");
   command->add_flag("--no-overlay", output->no_overlay, "No overlay.mp4 and stills");
   command->add_flag("--no-report", output->no_report, "No report.html");
+}
+
+// A recording as named on the command line.
+struct RecordingInput {
+  platform::RecordingOptions options;
+  std::string source, calibration, resize;
+
+  platform::RecordingOptions recording() const {
+    platform::RecordingOptions recording = options;
+    recording.source = source;
+    recording.calibration = calibration;
+    if (!resize.empty()) parse_size(resize, &recording.resize_width, &recording.resize_height);
+    return recording;
+  }
+};
+
+void add_recording_options(CLI::App* command, RecordingInput* input) {
+  command->add_option("source", input->source, "Folder (TUM, EuRoC, images), pattern such as img_%04d.png, or video")
+      ->required()
+      ->type_name("SOURCE");
+  command->add_option("--calibration", input->calibration, "Camera calibration (YAML)")->type_name("FILE");
+  command->add_option("--fov", input->options.fov_degrees, "Horizontal field of view, when there is no calibration")
+      ->type_name("DEGREES");
+  command->add_option("--resize", input->resize, "Scale the images, after rotation")->type_name("WxH");
+  command->add_option("--every", input->options.every, "Keep one frame of so many")
+      ->capture_default_str()
+      ->type_name("N");
+  command->add_option("--fps", input->options.fps, "Frames per second of images without timestamps [30]")
+      ->type_name("N");
+  command->add_option("--rotate", input->options.rotate_degrees, "Clockwise: 0, 90, 180 or 270")
+      ->capture_default_str()
+      ->type_name("DEGREES");
 }
 
 int run_program(int argc, char** argv) {
@@ -319,22 +354,8 @@ int run_program(int argc, char** argv) {
               "  pocket-ptam sim --study init --seeds 20 --jobs 2");
 
   CLI::App* replay = app.add_subcommand("replay", "Run on a recorded sequence");
-  platform::RecordingOptions recording;
-  std::string resize;
-  std::string source;
-  std::string calibration;
-  replay->add_option("source", source, "Folder (TUM, EuRoC, images), pattern such as img_%04d.png, or video")
-      ->required()
-      ->type_name("SOURCE");
-  replay->add_option("--calibration", calibration, "Camera calibration (YAML)")->type_name("FILE");
-  replay->add_option("--fov", recording.fov_degrees, "Horizontal field of view, when there is no calibration")
-      ->type_name("DEGREES");
-  replay->add_option("--resize", resize, "Scale the images, after rotation")->type_name("WxH");
-  replay->add_option("--every", recording.every, "Keep one frame of so many")->capture_default_str()->type_name("N");
-  replay->add_option("--fps", recording.fps, "Frames per second of images without timestamps [30]")->type_name("N");
-  replay->add_option("--rotate", recording.rotate_degrees, "Clockwise: 0, 90, 180 or 270")
-      ->capture_default_str()
-      ->type_name("DEGREES");
+  RecordingInput input;
+  add_recording_options(replay, &input);
   replay->add_option("--readout", readout, "Rolling shutter of the source, rows|columns:+|-:SECONDS");
   add_run_options(replay, &run, &output);
   replay->footer(
@@ -342,6 +363,25 @@ int run_program(int argc, char** argv) {
       "  pocket-ptam replay rgbd_dataset_freiburg1_xyz --calibration fr1.yaml --resize 320x240\n"
       "  pocket-ptam replay clip.mp4 --fov 50 --readout rows:+:0.030\n"
       "  pocket-ptam replay 'frames/img_%04d.png' --fov 60 --fps 15 --tap 2");
+
+  CLI::App* readout_command =
+      app.add_subcommand("readout", "Find a recording's rolling shutter: the one with which its map fits best");
+  ReadoutOptions readout_options;
+  add_recording_options(readout_command, &input);
+  readout_command->add_option("--axis", readout_options.axes, "rows, columns, or both of them [both]")
+      ->check(CLI::IsMember({"rows", "columns", "both"}))
+      ->type_name("AXIS");
+  readout_command->add_option("--jobs", jobs, "Threads")->check(CLI::Range(1, 256))->type_name("N");
+  readout_command
+      ->add_option("--tap", run.taps_s, "Tap at this time; may be repeated [at the start, and after failures]")
+      ->type_name("SECONDS")
+      ->expected(1)
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
+  readout_command->footer(
+      "The clip should start the map early and show the camera moving quickly now and then, in all directions.\n"
+      "Examples:\n"
+      "  pocket-ptam readout clip.mp4 --fov 60 --resize 320x240\n"
+      "  pocket-ptam readout clip.mp4 --calibration phone.yaml --axis rows");
 
   CLI::App* eval = app.add_subcommand("eval", "Compare an estimated trajectory with the truth");
   std::string estimate_file;
@@ -361,7 +401,8 @@ int run_program(int argc, char** argv) {
     throw InputError(std::string(error.what()) + "; see " + with_command + " --help");
   }
 
-  if (app.get_subcommands().empty()) throw InputError("no command given: sim, replay or eval; see pocket-ptam --help");
+  if (app.get_subcommands().empty())
+    throw InputError("no command given: sim, replay, readout or eval; see pocket-ptam --help");
   if (sim->parsed()) {
     if (!readout.empty()) {
       const Readout parsed = parse_readout(readout);
@@ -442,9 +483,7 @@ int run_program(int argc, char** argv) {
   }
 
   if (replay->parsed()) {
-    recording.source = source;
-    recording.calibration = calibration;
-    if (!resize.empty()) parse_size(resize, &recording.resize_width, &recording.resize_height);
+    platform::RecordingOptions recording = input.recording();
     if (!readout.empty()) {
       const Readout parsed = parse_readout(readout);
       recording.readout_axis = parsed.axis;
@@ -454,6 +493,13 @@ int run_program(int argc, char** argv) {
     const std::unique_ptr<platform::Camera> camera = platform::open_recording(recording, &warnings);
     for (const std::string& warning : warnings) print_warning(warning);
     return run_and_write(*camera, run, output, false, command);
+  }
+
+  if (readout_command->parsed()) {
+    readout_options.recording = input.recording();
+    readout_options.run = run;
+    readout_options.jobs = jobs;
+    return find_readout(readout_options) ? kExitOk : kExitBroken;
   }
 
   const platform::Trajectory estimate = platform::read_tum_trajectory(estimate_file);

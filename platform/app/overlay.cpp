@@ -312,6 +312,7 @@ void draw_points(cairo_t* cr, const Projector& projector, std::span<const Observ
     cairo_new_path(cr);
     switch (point.kind) {
       case ObservedKind::kMissed:
+      case ObservedKind::kHidden:
         set_colour(cr, kGrey, 0.7);
         cairo_arc(cr, x, y, 1.8, 0, kFullTurn);
         cairo_fill(cr);

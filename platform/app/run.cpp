@@ -117,6 +117,7 @@ FrameLog log_of(const TrackResult& result) {
   log.points_attempted = result.points_attempted;
   log.points_found = result.points_found;
   log.points_inliers = result.points_inliers;
+  log.reprojection_px = result.reprojection_px;
   log.partial_attempted = result.partial_attempted;
   log.partial_found = result.partial_found;
   log.keyframes = result.keyframes;
@@ -207,6 +208,7 @@ RunLog run_sequence(platform::Camera& camera, const RunOptions& options, const S
   Config config = config_for(log.camera);
   config.auto_start = options.auto_start;
   config.initial_plane_distance = static_cast<float>(options.plane_distance);
+  config.steady_damping = options.steady_damping;
   Status status = config.validate();
   if (!status.ok()) throw InputError(log.camera.name + ": the camera cannot be used: " + status.message());
   const size_t bytes = System::required_bytes(config);
@@ -272,6 +274,7 @@ RunLog run_sequence(platform::Camera& camera, const RunOptions& options, const S
   system->keyframes(log.keyframes);
   log.map_points.resize(static_cast<size_t>(system->map_points({})));
   system->map_points(log.map_points);
+  log.map_fit = system->map_fit();
   log.map_hash = system->map_hash();
   return log;
 }

@@ -30,6 +30,7 @@ struct RunOptions {
   std::vector<double> taps_s;
   bool auto_start = false;    // no taps but those of taps_s: Config::auto_start
   double plane_distance = 0;  // Config::initial_plane_distance
+  bool steady_damping = true;
 };
 
 struct FrameLog {
@@ -47,6 +48,7 @@ struct FrameLog {
   double position_sigma = 0;  // reported: rms error of the camera centre, world units
   double rotation_sigma = 0;  // and of the orientation, radians
   int points_attempted = 0, points_found = 0, points_inliers = 0;
+  float reprojection_px = 0;  // rms of the inliers
   int partial_attempted = 0, partial_found = 0;
   int keyframes = 0, map_points = 0;
   int64_t stage_ns[kStages] = {};
@@ -66,6 +68,7 @@ struct RunLog {
   std::vector<KeyframeInfo> keyframes;
   std::vector<MapPointInfo> map_points;
   uint64_t map_hash = 0;
+  MapFit map_fit;
   int64_t memory_bytes = 0;
   std::string broken;  // what stopped the source midway; empty: it ran to its end
 

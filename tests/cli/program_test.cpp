@@ -72,8 +72,9 @@ std::string tum_file(int poses, double scale) {
 TEST_F(Program, HelpShowsEveryCommandWithExamples) {
   const Answer help = run("--help");
   EXPECT_EQ(help.code, 0);
-  for (const char* part : {"sim", "replay", "eval", "Examples:", "Exit codes"}) EXPECT_TRUE(contains(help.out, part));
-  for (const char* command : {"sim", "replay", "eval"}) {
+  for (const char* part : {"sim", "replay", "readout", "eval", "Examples:", "Exit codes"})
+    EXPECT_TRUE(contains(help.out, part));
+  for (const char* command : {"sim", "replay", "readout", "eval"}) {
     const Answer answer = run(std::string(command) + " --help");
     EXPECT_EQ(answer.code, 0) << command;
     EXPECT_TRUE(contains(answer.out, "Example")) << command;
@@ -331,6 +332,19 @@ TEST_F(Program, NoColourWhenNobodyWatches) {
   write("truth.txt", tum_file(100, 1));
   EXPECT_FALSE(contains(run("eval truth.txt truth.txt").out, "\033"));
   EXPECT_FALSE(contains(run("eval missing.txt truth.txt").err, "\033"));
+}
+
+// A phone whose shutter nobody told of: the command finds it.
+TEST_F(Program, FindsTheReadout) {
+  ASSERT_EQ(run("sim --seed 3 --duration 10 --dump d").code, 0);
+  const Answer answer = run("readout d --calibration d/calibration.yaml --jobs 2");
+  EXPECT_EQ(answer.code, 0) << answer.err;
+  const size_t at = answer.out.find("best: --readout columns:-:");
+  ASSERT_NE(at, std::string::npos) << answer.out;
+  // The truth is 60 ms; the command promises the trials' last step, 4.2 ms, and the minimum may lie half a step on.
+  EXPECT_NEAR(std::stod(answer.out.substr(at + 26)), 0.060, 0.0065);
+  EXPECT_EQ(run("readout nothing.mp4 --fov 50").code, 2);
+  EXPECT_EQ(run("readout d --calibration d/calibration.yaml --axis diagonal").code, 2);
 }
 
 }  // namespace

@@ -4,12 +4,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <tuple>
 
 #include "platform/app/evaluation.h"
 #include "platform/app/run.h"
-#include "tests/support/recording.h"
 #include "tests/support/random.h"
+#include "tests/support/recording.h"
 
 namespace pptam {
 namespace {
@@ -167,6 +168,87 @@ TEST(System, LosesTheViewSaysSoAndFindsItAgain) {
       EXPECT_LT(so3_log(result.T_cw.R * T_before.R.transpose()).norm(), 0.035f) << i;
     }
     EXPECT_GE(found_after, 0) << "within a second of the view's return";
+  }
+}
+
+// Frames that no scene makes, between frames of a map that is tracked: nothing is believed of them that is not there, a
+// frozen picture is a camera at rest, and tracking goes on afterwards where it should.
+TEST(System, HostileFramesAreNotBelieved) {
+  sim::PhoneOptions options;
+  options.scene = "desk";
+  options.duration_s = 8;
+  const test::Recording recording = test::record(options);
+  constexpr int kFirst = 75, kHostile = 8;
+  const size_t pixels = recording.images[0].size();
+  test::Random random;
+  const auto run = [&](const std::function<std::vector<uint8_t>(int)>& image, std::vector<TrackResult>* hostile) {
+    test::Phone phone(test::config_for(recording));
+    phone->tap();
+    int64_t shift_ns = 0;
+    std::vector<TrackResult> results;
+    const auto step = [&](Frame frame) {
+      const TrackResult result = phone->track(frame);
+      for (int i = 0; i < 60 && phone->has_work(); ++i) phone->work_slice();
+      return result;
+    };
+    for (int i = 0; i < recording.size(); ++i) {
+      const int64_t timestamp_ns = recording.timestamps_ns[static_cast<size_t>(i)];
+      if (i == kFirst && image) {
+        for (int k = 0; k < kHostile; ++k) {
+          const std::vector<uint8_t> made = image(k);
+          Frame frame = recording.frame(i, timestamp_ns + shift_ns);
+          frame.data = made.data();
+          hostile->push_back(step(frame));
+          shift_ns += 66'666'667;
+        }
+      }
+      results.push_back(step(recording.frame(i, timestamp_ns + shift_ns)));
+    }
+    return results;
+  };
+  const std::vector<TrackResult> control = run(nullptr, nullptr);
+  ASSERT_TRUE(control[kFirst - 1].pose_valid);
+  ASSERT_TRUE(control.back().pose_valid);
+
+  const struct {
+    const char* name;
+    std::function<std::vector<uint8_t>(int)> image;
+    bool frozen;
+  } cases[] = {
+      {"black", [&](int) { return std::vector<uint8_t>(pixels, 0); }, false},
+      {"white", [&](int) { return std::vector<uint8_t>(pixels, 255); }, false},
+      {"noise",
+       [&](int) {
+         std::vector<uint8_t> made(pixels);
+         for (uint8_t& p : made) p = static_cast<uint8_t>(random.uniform(0, 255.9));
+         return made;
+       },
+       false},
+      {"frozen", [&](int) { return recording.images[kFirst - 1]; }, true},
+  };
+  for (const auto& hostile_case : cases) {
+    SCOPED_TRACE(hostile_case.name);
+    std::vector<TrackResult> hostile;
+    const std::vector<TrackResult> results = run(hostile_case.image, &hostile);
+    ASSERT_EQ(hostile.size(), static_cast<size_t>(kHostile));
+    for (const TrackResult& result : hostile) EXPECT_TRUE(result.status.ok());
+    for (const TrackResult& result : hostile) EXPECT_EQ(result.pose_valid, hostile_case.frozen);
+    if (hostile_case.frozen) {
+      // At rest where it stopped: the last real frame was a moving one, whose velocity takes a frame to forget.
+      const float depth = std::abs(control[kFirst - 1].T_cw.centre().z());
+      EXPECT_LT((hostile.back().T_cw.centre() - control[kFirst - 1].T_cw.centre()).norm(), 0.01f * depth);
+    } else {
+      EXPECT_EQ(hostile.back().state, TrackingState::kLost);
+      EXPECT_EQ(hostile.back().hint, Hint::kReturnToKnownView);
+    }
+    // Back within a second, at the same place as without the interruption, to the error that two maps of one scene may
+    // differ by: 2 % of the distance to the table; a pose of any other keyframe is off by more.
+    const size_t later = kFirst + 15;
+    EXPECT_TRUE(results[later].pose_valid);
+    const float distance = std::abs(control[later].T_cw.centre().z());
+    EXPECT_LT((results[later].T_cw.centre() - control[later].T_cw.centre()).norm(), 0.02f * distance);
+    EXPECT_GT((results[later].T_cw.centre() - control[kFirst - 40].T_cw.centre()).norm(), 0.02f * distance)
+        << "control: the measure can fail";
   }
 }
 

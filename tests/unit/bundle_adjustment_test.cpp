@@ -62,7 +62,7 @@ struct Problem {
   double point_error = 0;    // world units
   float instructions = 600;  // per projection: decides where the slices end
   int keyframes = kKeyframes;
-  bool rolling = false;  // the phone's shutter, cameras that move, and velocities known to 1 sigma of the prior
+  bool rolling = false;  // the phone's shutter, cameras that move, and velocities off by four sigma of the prior
 };
 
 // A map, its bundle adjuster and the truth. Cameras half a unit around, looking at points one unit away.
@@ -184,7 +184,7 @@ class World {
       Keyframe& frame = map_->queue[0].frame;
       frame.T_kw = k == 0 ? T : SE3::exp(twist(problem.pose_error, problem.pose_error)) * T;
       frame.velocity = velocity.back();
-      if (problem.rolling) frame.velocity += twist(0.06, 0.15);
+      if (problem.rolling) frame.velocity += twist(4 * kVelocitySigmaTranslation, 4 * kVelocitySigmaRotation);
       frame.velocity_prior = frame.velocity;
       frame.mean_depth = 1;
       map_->add_keyframe(map_->queue[0]);
@@ -371,10 +371,10 @@ TEST(BundleAdjustment, VelocitiesDuringTheReadoutAreRecovered) {
     held.run(-1, false);
     without += held.point_distance() / 10;
   }
-  // A velocity that is off by the prior's sigma shifts images by up to 0.15 x 0.03 x 360 = 1.6 px, and the points with
-  // them. What the images tell is fitted to a fraction of 0.1 px (the prior's weight is that of a few measurements of
-  // 50, the velocities' model is of first order: 0.006 px); what they hardly tell, a turn against a shift that cancels
-  // it at the mean depth, stays as the prior has it: 0.06 x 0.03 = 1.8e-3 units a keyframe.
+  // A velocity that is off by four of the prior's sigmas shifts images by up to 0.08 x 0.03 x 360 = 0.9 px, and the
+  // points with them. What the images tell is fitted to a fraction of 0.1 px (the prior's weight is that of a few
+  // measurements of 50, the velocities' model is of first order: 0.006 px); what they hardly tell, a turn against a
+  // shift that cancels it at the mean depth, stays as the prior has it: 0.06 x 0.03 = 1.8e-3 units a keyframe.
   EXPECT_LT(with, 2 * 1.8e-3);
   RecordProperty("without_to_with", std::to_string(without / with));
   EXPECT_GT(without, 3 * with);

@@ -339,7 +339,8 @@ TEST(ProjectRolling, SettlesOnTheLineThatSeesThePoint) {
       worst = std::max(worst, (px.cast<double>() - exact).norm());
       Vector2f again;
       ASSERT_TRUE(camera.project(T_line * p, &again));
-      EXPECT_EQ(again, px) << "px is the image under T_line";
+      // The third-order motion leaves (30 mrad)^4 / 24, under 1e-4 px; the rest is float32's.
+      EXPECT_LT((again - px).norm(), 3e-4f) << "px is the image under T_line";
     }
     // The start is off by the motion until the point's line, up to 60 px / 240 px of the readout and a little more for
     // the points that move outwards: s x 70 px with s = image speed x line time, f (1 + 0.2) rad/s / (4000 px/s) at the
