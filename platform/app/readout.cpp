@@ -48,14 +48,7 @@ Trial attempt(const ReadoutOptions& options, RollingShutter::Axis axis, double s
   if (log.first_tracked() != nullptr)
     trial.tracked = static_cast<double>(log.trajectory().size()) / static_cast<double>(log.frames.size());
   trial.fit = log.map_fit;
-  double sum = 0;
-  int frames = 0;
-  for (const FrameLog& frame : log.frames) {
-    if (!frame.pose_valid) continue;
-    sum += static_cast<double>(frame.reprojection_px) * static_cast<double>(frame.reprojection_px);
-    ++frames;
-  }
-  if (frames > 0) trial.reprojection_px = std::sqrt(sum / frames);
+  trial.reprojection_px = log.reprojection_px();
   return trial;
 }
 

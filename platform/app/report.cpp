@@ -369,14 +369,7 @@ std::vector<SummaryRow> summarise(const RunLog& log, const RunSummary& summary) 
       {"initialised", first == nullptr ? "never" : format("after %.2f s", log.seconds(first->timestamp_ns))});
   if (first != nullptr) {
     rows.push_back({"tracked since then", format("%.1f %% of the frames", 100 * log.tracked_fraction())});
-    double sum = 0;
-    int frames = 0;
-    for (const FrameLog& frame : log.frames) {
-      if (!frame.pose_valid) continue;
-      sum += static_cast<double>(frame.reprojection_px) * static_cast<double>(frame.reprojection_px);
-      ++frames;
-    }
-    if (frames > 0) rows.push_back({"reprojection error", format("%.2f px rms", std::sqrt(sum / frames))});
+    rows.push_back({"reprojection error", format("%.2f px rms", log.reprojection_px())});
     rows.push_back({"map", format("%zu keyframes, %zu points", log.keyframes.size(), log.map_points.size())});
     rows.push_back(
         {"a tracked frame", format("%.1f ms, %.1f at worst (%s clock); %.2f million instructions (modelled)",

@@ -309,6 +309,18 @@ double RunLog::seconds(int64_t timestamp_ns) const {
   return frames.empty() ? 0 : 1e-9 * static_cast<double>(timestamp_ns - frames.front().timestamp_ns);
 }
 
+double RunLog::reprojection_px() const {
+  double sum = 0;
+  int inliers = 0;
+  for (const FrameLog& frame : frames) {
+    if (!frame.pose_valid) continue;
+    const double error_px = static_cast<double>(frame.reprojection_px);
+    sum += frame.points_inliers * error_px * error_px;
+    inliers += frame.points_inliers;
+  }
+  return inliers > 0 ? std::sqrt(sum / inliers) : 0;
+}
+
 double RunLog::tracked_fraction() const {
   int after = 0;
   int tracked = 0;

@@ -76,6 +76,7 @@ struct RunLog {
   platform::Trajectory keyframe_trajectory() const;  // in the order of time
   const FrameLog* first_tracked() const;             // null: never initialised
   double seconds(int64_t timestamp_ns) const;        // since the first frame
+  double reprojection_px() const;                    // rms over the inliers of the frames with a pose; 0 without one
   double tracked_fraction() const;                   // of the frames from the first tracked one on; 0 without one
 };
 
