@@ -21,7 +21,7 @@ enum class Work : uint8_t {
   kPatchCandidate,    // one candidate position compared by zero-mean SSD
   kPatchRefineStep,   // one iteration of sub-pixel refinement
   kPosePoint,         // one point in one iteration of the pose update
-  kPoseProjection,    // one point projected and differentiated in it
+  kPoseProjection,    // one point projected and differentiated, in some of these iterations
   kHomographyPoint,   // one point in one iteration of the homography update
   kKeyframePixel,     // one pixel copied into a keyframe
   kBundleError,       // one measurement projected, for its error
@@ -38,7 +38,8 @@ constexpr int kWorkKinds = static_cast<int>(Work::kCount);
 struct PhoneProfile {
   float clock_mhz = 412.0f;             // ARM1176 of the 2009 phone
   float cycles_per_instruction = 1.5f;  // until measured
-  // ARMv6 instructions per unit, as counted in emulation (tests/budget); the copy of keyframes is still an estimate.
+  // ARMv6 instructions per unit, as counted in emulation (tests/budget); the copy of keyframes and the pose's two
+  // are still estimates.
   std::array<float, kWorkKinds> instructions = {
       9.0f,  // kGreyPixel, of BGRA; YUYV takes 5, RGB 14
       7.0f,  // kPyramidPixel

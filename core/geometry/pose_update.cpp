@@ -10,9 +10,9 @@ namespace pptam {
 namespace {
 
 constexpr int kIterations = 10;
-constexpr int kRelinearised[] = {0, 4,
-                                 9};  // full projections; between them the errors follow their Jacobians [phone 4]
-constexpr int kMaxPoints = 256;       // more are left out
+// Iterations with full projections; between them the errors follow their Jacobians [phone 4].
+constexpr int kRelinearised[] = {0, 4, 9};
+constexpr int kMaxPoints = 256;  // more are left out
 constexpr int kMinInliers = 6;
 // Squared steps, radians and scene depths.
 constexpr float kConverged = 1e-10f;  // 0.004 px on the phone
@@ -96,9 +96,9 @@ struct Factorised {
 bool project_rolling(const CameraModel& camera, const RollingShutter& shutter, const SE3& T_cw,
                      const Vector6f& velocity, const Vector3f& p_w, Vector2f* px, SE3* T_line) {
   *T_line = T_cw;
-  if (!camera.project(T_cw * p_w, px)) return false;
-  if (shutter.line_time_s == 0) return true;
   const Vector3f q = T_cw * p_w;
+  if (!camera.project(q, px)) return false;
+  if (shutter.line_time_s == 0) return true;
   float dt_s = 0;
   for (int pass = 0; pass < 2; ++pass) {
     dt_s = shutter.dt_s(*px, camera.width, camera.height);

@@ -46,7 +46,7 @@ constexpr float kMinPlanarShare = 0.7f;
 constexpr float kResidualDecay = 0.7f;  // of an off-plane point's offset, per frame without a match
 
 // General motion.
-constexpr int kRelativeSteps = 8;     // at most, of one start
+constexpr int kRelativeSteps = 8;      // at most, of one start
 constexpr int kRelativeBudget = 1200;  // points times steps, after which a frame tries no further start
 constexpr float kEpipolarFloor_px = 0.3f;
 constexpr float kMaxEpipolarSigma_px = 1.2f;

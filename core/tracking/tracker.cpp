@@ -60,8 +60,8 @@ constexpr float kUnrestShare = 0.5f;
 constexpr float kUnrestBlend = 0.1f;
 constexpr float kMaxSigmaRotation = 0.3f;
 
-// Standing still. Turn of the image between two frames that says so: three times what the full-frame rotation of a
-// still phone shows. Share of the newest difference in the mean, and of a difference that is noise in the pose shown.
+// Standing still. Turn of the image between two frames that says so, 0.09 degrees: a starting point, not swept. Share
+// of the newest difference in the mean, and of a difference that is noise in the pose shown.
 constexpr float kStillTurn_rad = 0.0015f;
 constexpr float kDifferenceBlend = 0.3f;
 constexpr float kSlowestGain = 0.1f;
@@ -491,7 +491,6 @@ void Tracker::track_with_map(float dt_s, TrackResult* result) {
     return;
   }
 
-  prior_ = velocity_prior(tracking.pose.T_cw);
   accept(tracking.pose, dt_s);
   if (confirming && ++confirm_ < kFramesToConfirm) return;
   confirm_ = 0;
@@ -598,7 +597,6 @@ void Tracker::relocalise(TrackResult* result) {
   if (tracking.quality != TrackingQuality::kGood) return;
   // Still kLost in the result: the next frame has to confirm it.
   bad_frames_ = 0;
-  good_frames_ = 0;
   accept(tracking.pose, 1.0f);
   velocity_.setZero();
   confirm_ = 1;
@@ -706,7 +704,7 @@ void Tracker::hold_keyframe() {
   frame.timestamp_ns = timestamp_ns_;
   frame.T_kw = T_cw_;
   frame.velocity = velocity_now_;
-  frame.velocity_prior = prior_.mean;
+  frame.velocity_prior = last_motion_;  // until the next frame tells more
   frame.mean_depth = mean_depth_;
   frame.pyramid = copy_pyramid(pyramid_, frame.storage);
   for (int y = 0; y < small_.height; ++y) std::copy_n(small_.row(y), small_.width, frame.small.row(y));

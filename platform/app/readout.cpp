@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <exception>
 #include <memory>
 #include <vector>
 
@@ -41,14 +42,18 @@ Trial attempt(const ReadoutOptions& options, RollingShutter::Axis axis, double s
   platform::RecordingOptions recording = options.recording;
   recording.readout_axis = axis;
   recording.readout_s = seconds;
-  const std::unique_ptr<platform::Camera> camera = platform::open_recording(recording, nullptr);
-  const RunLog log = run_sequence(
-      *camera, options.run, [](const platform::CameraInfo&) {}, nullptr);
-  trial.trouble = log.broken;
-  if (log.first_tracked() != nullptr)
-    trial.tracked = static_cast<double>(log.trajectory().size()) / static_cast<double>(log.frames.size());
-  trial.fit = log.map_fit;
-  trial.reprojection_px = log.reprojection_px();
+  try {
+    const std::unique_ptr<platform::Camera> camera = platform::open_recording(recording, nullptr);
+    const RunLog log = run_sequence(
+        *camera, options.run, [](const platform::CameraInfo&) {}, nullptr);
+    trial.trouble = log.broken;
+    if (log.first_tracked() != nullptr)
+      trial.tracked = static_cast<double>(log.trajectory().size()) / static_cast<double>(log.frames.size());
+    trial.fit = log.map_fit;
+    trial.reprojection_px = log.reprojection_px();
+  } catch (const std::exception& error) {
+    trial.trouble = error.what();
+  }
   return trial;
 }
 

@@ -1,6 +1,6 @@
 // Finds a recording's rolling shutter by trying: the recording is tracked under many assumptions, and the one under
 // which the tracked frames' points fit best is it. Frames tell more than the finished map's objective (System::map_fit,
-// printed beside): where a real phone's map has 400 measurements, its frames have 13 thousand.
+// printed beside): there are many more frames than keyframes.
 #pragma once
 
 #include <string>
