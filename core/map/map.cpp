@@ -42,7 +42,8 @@ Map::Map(Arena& arena, const Config& config)
     : keyframes(arena, config.max_keyframes),
       points(arena, config.max_map_points),
       partial_points(arena, config.max_partial_points),
-      queue(arena, kQueueLength) {
+      queue(arena, kQueueLength),
+      neighbours(arena, 2 * kMaxInitialKeyframes) {
   for (int i = 0; i < config.max_keyframes; ++i) {
     const Keyframe keyframe = make_keyframe(arena, config);
     if (i < keyframes.capacity()) keyframes.push_back(keyframe);
@@ -53,6 +54,11 @@ Map::Map(Arena& arena, const Config& config)
     candidate.measurements =
         FixedVector<KeyframeMeasurement>(arena, std::max(config.max_measured_points, config.max_initial_points));
     if (i < queue.capacity()) queue.push_back(candidate);
+  }
+  for (int i = 0; i < 2 * kMaxInitialKeyframes; ++i) {
+    NeighbourFrame neighbour;
+    neighbour.measurements = FixedVector<KeyframeMeasurement>(arena, config.max_initial_points);
+    if (i < neighbours.capacity()) neighbours.push_back(neighbour);
   }
   keyframes.resize(0);
   points.resize(points.capacity());
@@ -111,6 +117,7 @@ void Map::clear() {
   for (PartialPoint& point : partial_points) point = PartialPoint();
   queued = 0;
   held = false;
+  neighbour_count = 0;
   ready = false;
   limits_hit = 0;
   ++epoch;

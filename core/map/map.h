@@ -79,6 +79,14 @@ struct KeyframeCandidate {
   FixedVector<KeyframeMeasurement> measurements;
 };
 
+// A frame next to an initial keyframe: what was measured in it tells how fast the camera was [phone 6].
+struct NeighbourFrame {
+  int16_t keyframe = -1;
+  int64_t timestamp_ns = 0;
+  FixedVector<KeyframeMeasurement> measurements;
+};
+constexpr int kMaxInitialKeyframes = 8;
+
 // x -> scale * (R x + t): a change of world coordinates.
 struct Similarity {
   SE3 T;
@@ -98,6 +106,10 @@ struct Map {
   // The slot after these is filled too, but the tracker still learns how fast the camera was there; it joins the queue
   // at the next frame.
   bool held = false;
+  // Of the initial keyframes, one before and one after each; size is the capacity, the first `neighbour_count` are
+  // used.
+  FixedVector<NeighbourFrame> neighbours;
+  int neighbour_count = 0;
   uint32_t next_id = 1;
   bool ready = false;       // initial bundle adjustment and alignment are done: poses may be shown
   uint32_t limits_hit = 0;  // LimitBits since the last reset

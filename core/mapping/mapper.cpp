@@ -111,8 +111,7 @@ void Mapper::gather_pose_points(int keyframe, int most) {
   }
 }
 
-// Poses of the initial views between the first and the last, backwards, each starting at its successor's; then the
-// velocities from their differences.
+// Poses of the initial views between the first and the last, backwards, each starting at its successor's.
 Task Mapper::locate_initial_views(bool* good) {
   *good = true;
   const int count = map_.keyframes.size();
@@ -128,14 +127,64 @@ Task Mapper::locate_initial_views(bool* good) {
       co_return;
     }
     map_.keyframes[k].T_kw = update.T_cw;
+    map_.keyframes[k].velocity = update.velocity;
     co_await slice();
   }
+}
+
+// The velocities in the initial keyframes from the poses of the frames next to them [phone 6]: central differences. At
+// either end, where only one side is known, its mean velocity is carried on to the keyframe by the difference to the
+// next keyframe's.
+Task Mapper::measure_initial_velocities() {
+  const int count = std::min(map_.keyframes.size(), kMaxInitialKeyframes);
+  Vector6f mean[kMaxInitialKeyframes];
+  float mean_s[kMaxInitialKeyframes];  // the time of which it is the mean, from the first keyframe's
+  const int64_t start_ns = map_.keyframes[0].timestamp_ns;
   for (int k = 0; k < count; ++k) {
-    const Keyframe& before = map_.keyframes[std::max(k - 1, 0)];
-    const Keyframe& after = map_.keyframes[std::min(k + 1, count - 1)];
-    const float dt_s = static_cast<float>(after.timestamp_ns - before.timestamp_ns) * 1e-9f;
-    if (dt_s > 0)
-      map_.keyframes[k].velocity = map_.keyframes[k].velocity_prior = (after.T_kw * before.T_kw.inverse()).log() / dt_s;
+    const Keyframe& keyframe = map_.keyframes[k];
+    SE3 T_first = keyframe.T_kw, T_last = keyframe.T_kw;
+    int64_t first_ns = keyframe.timestamp_ns, last_ns = keyframe.timestamp_ns;
+    for (int n = 0; n < map_.neighbour_count; ++n) {
+      const NeighbourFrame& neighbour = map_.neighbours[n];
+      if (neighbour.keyframe != k) continue;
+      pose_points_.clear();
+      for (const KeyframeMeasurement& m : neighbour.measurements) {
+        const MapPoint& point = map_.points[m.point];
+        if (point.id != m.point_id || pose_points_.size() >= kLocatingPoints) continue;
+        PosePoint p;
+        p.p_w = point.p_w;
+        p.px = m.px;
+        p.sigma = m.sigma;
+        pose_points_.push_back(p);
+      }
+      VelocityPrior prior;
+      prior.mean = keyframe.velocity;
+      prior.sigma_translation = kVelocitySigmaTranslation * keyframe.mean_depth;
+      prior.sigma_rotation = kVelocitySigmaRotation;
+      const float dt_s = static_cast<float>(neighbour.timestamp_ns - keyframe.timestamp_ns) * 1e-9f;
+      const PoseUpdate update =
+          update_pose(config_.camera, config_.shutter, pose_at(keyframe.T_kw, keyframe.velocity, dt_s), prior,
+                      pose_points_, kRobustSigmaFloor, meter_);
+      if (update.ok && dt_s < 0) {
+        T_first = update.T_cw;
+        first_ns = neighbour.timestamp_ns;
+      } else if (update.ok) {
+        T_last = update.T_cw;
+        last_ns = neighbour.timestamp_ns;
+      }
+      co_await slice();
+    }
+    const float dt_s = static_cast<float>(last_ns - first_ns) * 1e-9f;
+    mean[k] = dt_s > 0 ? Vector6f((T_last * T_first.inverse()).log() / dt_s) : keyframe.velocity;
+    mean_s[k] = static_cast<float>(first_ns - start_ns) * 1e-9f + 0.5f * dt_s;
+  }
+  for (int k = 0; k < count; ++k) {
+    Keyframe& keyframe = map_.keyframes[k];
+    const int other = k > 0 ? k - 1 : std::min(1, count - 1);
+    const float late_s = static_cast<float>(keyframe.timestamp_ns - start_ns) * 1e-9f - mean_s[k];
+    const float apart_s = mean_s[other] - mean_s[k];
+    const float share = std::abs(apart_s) > std::abs(late_s) ? late_s / apart_s : 0;
+    keyframe.velocity = keyframe.velocity_prior = mean[k] + share * (mean[other] - mean[k]);
   }
 }
 
@@ -143,6 +192,7 @@ Task Mapper::finish_initial_map() {
   bool good = false;
   co_await locate_initial_views(&good);
   for (int round = 0; good && round < 2; ++round) {  // again without the outliers of the first
+    co_await measure_initial_velocities();
     co_await bundle_.run(-1, true, kInitialIterations);
   }
   if (!good || bundle_.result().sigma > kMaxInitialSigma || map_.point_count() < kMinInitialPoints ||

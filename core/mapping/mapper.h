@@ -24,6 +24,7 @@ class Mapper : public Background {
   Task run();
   Task finish_initial_map();
   Task locate_initial_views(bool* good);
+  Task measure_initial_velocities();
   Task insert_keyframe();
   Task measure_remaining_points(int keyframe);
   Task promote_partial_points(int keyframe);

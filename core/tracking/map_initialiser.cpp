@@ -107,21 +107,36 @@ MapInitialiser::MapInitialiser(Arena& arena, const Config& config, WorkMeter& me
       inlier_rays_(arena, config.max_initial_points),
       observed_(arena, config.max_initial_points) {
   for (View& view : views_) {
-    view.points = FixedVector<ViewPoint>(arena, config.max_initial_points);
+    for (FixedVector<ViewPoint>* points : {&view.points, &view.before.points, &view.after.points})
+      *points = FixedVector<ViewPoint>(arena, config.max_initial_points);
     view.storage = PyramidStorage(arena, config.camera.width, config.camera.height, 0);
     const int width = config.camera.width >> (kPyramidLevels - 1);
     const int height = config.camera.height >> (kPyramidLevels - 1);
     view.small = {arena.allocate_array<uint8_t>(static_cast<size_t>(width) * height), width, height, width};
   }
+  last_.points = FixedVector<ViewPoint>(arena, config.max_initial_points);
   for (Hypothesis& hypothesis : hypotheses_) hypothesis.p_1 = FixedVector<Vector3f>(arena, config.max_initial_points);
+}
+
+void MapInitialiser::note_points(FixedVector<ViewPoint>& points) const {
+  points.clear();
+  for (const Point& point : points_) points.push_back({point.px_2, point.found});
+  meter_.charge(Work::kOther, 5LL * points.size());
+}
+
+void MapInitialiser::note_neighbour(int64_t timestamp_ns, Neighbour& neighbour) const {
+  neighbour.known = true;
+  neighbour.timestamp_ns = timestamp_ns;
+  note_points(neighbour.points);
 }
 
 void MapInitialiser::store_view(const Pyramid& pyramid, const GreyView& small, int64_t timestamp_ns, View& view) {
   view.timestamp_ns = timestamp_ns;
   view.pyramid = copy_pyramid(pyramid, view.storage);
   for (int y = 0; y < small.height; ++y) std::copy_n(small.row(y), small.width, view.small.row(y));
-  view.points.clear();
-  for (const Point& point : points_) view.points.push_back({point.px_2, point.found});
+  note_points(view.points);
+  std::swap(view.before, last_);
+  view.after.known = false;
   meter_.charge(Work::kKeyframePixel, static_cast<int64_t>(config_.camera.width) * config_.camera.height * 4 / 3);
 }
 
@@ -131,7 +146,8 @@ void MapInitialiser::record_view(const Pyramid& pyramid, const GreyView& small, 
   if (views_[view_count_ - 1].timestamp_ns == timestamp_ns) return;
   ++frames_since_view_;
   if (!last && frames_since_view_ < view_stride_) return;
-  const int places = std::min(kMaxViews, std::max(3, config_.max_keyframes / 2));  // leaves room for the map to grow
+  const int places =
+      std::min(kMaxInitialKeyframes, std::max(3, config_.max_keyframes / 2));  // leaves room for the map to grow
   if (view_count_ == places && !last) {
     for (int i = 1; 2 * i < places; ++i) std::swap(views_[i], views_[2 * i]);
     view_count_ = (places + 1) / 2;
@@ -181,6 +197,7 @@ Hint MapInitialiser::start(const Pyramid& pyramid, const GreyView& small, int64_
   }
   view_count_ = 0;
   view_stride_ = 1;
+  last_.known = false;
   store_view(pyramid, small, timestamp_ns, views_[view_count_++]);
   frames_since_view_ = 0;
   H_.setIdentity();
@@ -304,6 +321,8 @@ MapInitialiser::Progress MapInitialiser::track(const Pyramid& pyramid, const Gre
                                                const Matrix3f& R_cp) {
   if (stage_ == Stage::kIdle) return Progress::kIdle;
   const float dt_s = static_cast<float>(timestamp_ns - previous_ns_) * 1e-9f;
+  last_.known = false;
+  if (bad_frames_ == 0) note_neighbour(previous_ns_, last_);
   previous_ns_ = timestamp_ns;
   // Rotation as seen, and what was left of the last frame's motion: the parallax goes on.
   const Matrix3f motion = (Matrix3f::Identity() + dt_s * parallax_rate_) * R_cp;
@@ -351,6 +370,8 @@ MapInitialiser::Progress MapInitialiser::track(const Pyramid& pyramid, const Gre
   }
   bad_frames_ = 0;
   ++frames_;
+  View& newest = views_[view_count_ - 1];
+  if (last_.known && newest.timestamp_ns == last_.timestamp_ns) note_neighbour(timestamp_ns, newest.after);
   // A blurred view makes a poor keyframe.
   const bool sharp = blur_px < 0.5f * kBlurLimit_px;
   if (sharp) record_view(pyramid, small, timestamp_ns, false);
@@ -635,7 +656,8 @@ bool MapInitialiser::build(Map& map, SE3* T_cw, Vector6f* velocity) {
     View& view = views_[k];
     frame.timestamp_ns = view.timestamp_ns;
     frame.T_kw = k == 0 ? SE3() : hypothesis.T_c1;
-    frame.velocity = frame.velocity_prior = Vector6f::Zero();
+    frame.velocity = k + 1 < view_count_ ? Vector6f::Zero() : hypothesis.velocity;
+    frame.velocity_prior = frame.velocity;
     frame.mean_depth = 1;
     std::swap(frame.storage, view.storage);
     std::swap(frame.pyramid, view.pyramid);
@@ -643,6 +665,18 @@ bool MapInitialiser::build(Map& map, SE3* T_cw, Vector6f* velocity) {
     if (map.add_keyframe(candidate) < 0) {
       map.clear();
       return false;
+    }
+  }
+  const Neighbour* sources[2 * kMaxInitialKeyframes];
+  map.neighbour_count = 0;
+  for (int k = 0; k < view_count_; ++k) {
+    for (const Neighbour* neighbour : {&views_[k].before, &views_[k].after}) {
+      if (!neighbour->known) continue;
+      NeighbourFrame& frame = map.neighbours[map.neighbour_count];
+      sources[map.neighbour_count++] = neighbour;
+      frame.keyframe = static_cast<int16_t>(k);
+      frame.timestamp_ns = neighbour->timestamp_ns;
+      frame.measurements.clear();
     }
   }
   int count = 0;
@@ -666,6 +700,9 @@ bool MapInitialiser::build(Map& map, SE3* T_cw, Vector6f* velocity) {
     added.source.normal = on_plane ? Vector3f(-hypothesis.n_1) : Vector3f(-p_1.normalized());
     added.attempts = added.found = 1;
     map.points[index] = added;
+    for (int n = 0; n < map.neighbour_count; ++n)
+      if (sources[n]->points[i].found)
+        map.neighbours[n].measurements.push_back({index, added.id, sources[n]->points[i].px, kSigma_px});
     depth_sum += p_1.z();
     ++count;
   }

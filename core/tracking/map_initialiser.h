@@ -2,18 +2,18 @@
 //
 // Stage 1 tracks the first view's corners with a homography H in SL(3) and decomposes it in every frame. Where H leaves
 // more than noise, the relative pose from the epipolar constraint is sought on the same points, a few starts in each
-// frame (beyond the paper). Once the motion is well constrained - sigma of the plane's normal, or of depth and direction,
-// added up over frames - stage 2 keeps up to two planar hypotheses (R, t, n) and one without a plane, each with its own
-// triangulated points, and tracks an SE(3) pose in each until the others cost twice as much; a plane that costs hardly
-// more than no plane wins. The result is a small map: the points and up to eight keyframes spread over the way (beyond
-// the paper: two views cannot tell structure from the shutter's distortion, several can), in the first camera's frame,
-// scaled so that the scene is about 1 away. The mapper locates the keyframes and adjusts it.
+// frame (beyond the paper). Once the motion is well constrained - sigma of the plane's normal, or of depth and
+// direction, added up over frames - stage 2 keeps up to two planar hypotheses (R, t, n) and one without a plane, each
+// with its own triangulated points, and tracks an SE(3) pose in each until the others cost twice as much; a plane that
+// costs hardly more than no plane wins. The result is a small map: the points and up to eight keyframes spread over the
+// way (beyond the paper: two views cannot tell structure from the shutter's distortion, several can), in the first
+// camera's frame, scaled so that the scene is about 1 away. The mapper locates the keyframes and adjusts it.
 //
 // A first view that has gone out of sight by turning, or of which nothing has come in ten seconds, is replaced.
 //
 // Points are re-found in each frame from their prediction: no continuous tracks. Normalised image coordinates
-// throughout; measurements are corrected for the rolling shutter by the rate of H itself. No frame costs more than about
-// 6 million ARMv6 instructions: searches, starts and pose points of a frame are limited.
+// throughout; measurements are corrected for the rolling shutter by the rate of H itself. No frame costs more than
+// about 6 million ARMv6 instructions: searches, starts and pose points of a frame are limited.
 #pragma once
 
 #include "geometry/homography.h"
@@ -84,9 +84,15 @@ class MapInitialiser {
     Vector2f px = Vector2f::Zero();
     bool found = false;
   };
+  struct Neighbour {  // the frame before or after a view
+    bool known = false;
+    int64_t timestamp_ns = 0;
+    FixedVector<ViewPoint> points;
+  };
   struct View {  // on the way: a keyframe if the map comes about
     int64_t timestamp_ns = 0;
     FixedVector<ViewPoint> points;  // one per point
+    Neighbour before, after;
     PyramidStorage storage;
     Pyramid pyramid;
     GreyImage small;
@@ -105,13 +111,15 @@ class MapInitialiser {
   Vector2f corrected(const Vector2f& px, const Matrix3f& rate) const;
   Vector6f velocity_from_rate(const Matrix3f& rate, const Hypothesis& hypothesis, const SE3& T_k1) const;
   void record_view(const Pyramid& pyramid, const GreyView& small, int64_t timestamp_ns, bool last);
+  void note_points(FixedVector<ViewPoint>& points) const;
+  void note_neighbour(int64_t timestamp_ns, Neighbour& neighbour) const;
   void store_view(const Pyramid& pyramid, const GreyView& small, int64_t timestamp_ns, View& view);
 
   const Config& config_;
   WorkMeter& meter_;
   Stage stage_ = Stage::kIdle;
-  static constexpr int kMaxViews = 8;
-  View views_[kMaxViews];  // views_[0] is the first view
+  View views_[kMaxInitialKeyframes];  // views_[0] is the first view
+  Neighbour last_;                    // the frame before the present one
   int view_count_ = 0;
   int view_stride_ = 1;  // frames from one recorded view to the next; doubles whenever the places run out
   int frames_since_view_ = 0;
