@@ -179,8 +179,8 @@ RotationEstimate FullFrameRotation::estimate(const GreyView& previous, const Gre
       const Matrix7f inverse = ldlt.solve(Matrix7f::Identity());
       result.covariance = inverse.topLeftCorner<3, 3>() * variance;
       result.R_cp = orthonormalised(result.R_cp);
-      result.ok =
-          size < kMaxLastStep_rad && result.residual < kMaxResidual_grey && gain > kMinGain && gain < 1 / kMinGain;
+      result.near = result.residual < kMaxResidual_grey && gain > kMinGain && gain < 1 / kMinGain;
+      result.ok = result.near && size < kMaxLastStep_rad;
       return result;
     }
   }

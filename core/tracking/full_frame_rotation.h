@@ -17,7 +17,8 @@ struct RotationEstimate {
   Matrix3f covariance = Matrix3f::Identity();  // of omega in R_cp <- R_cp exp(omega), rad^2
   float residual = 0;                          // rms after gain and offset, grey levels
   int iterations = 0;
-  bool ok = false;  // enough overlap and texture, converged
+  bool ok = false;    // enough overlap and texture, converged
+  bool near = false;  // the same but for the last: a start for what searches coarsely
 };
 
 class FullFrameRotation {

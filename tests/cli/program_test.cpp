@@ -143,7 +143,7 @@ TEST_F(Program, BadInputIsOneLineThatNamesItAndLeavesNothingBehind) {
       {"sim --suite --save-map desk.map --out o", "single run"},
       {"sim --dump d --lock-map", "single run"},
       {"map", "map --help"},
-      {"map fly", "fly"},
+      {"map fly", "map --help"},
       {"map info", "map info --help"},
       {"map info missing.map", "missing.map"},
       {"map info no_images", "no_images"},
