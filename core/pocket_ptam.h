@@ -167,6 +167,24 @@ struct MapPointInfo {
   uint8_t grey = 0;  // of its source pixel, for pictures
 };
 
+// A point found in a keyframe.
+struct MeasurementInfo {
+  uint32_t point_id = 0;
+  uint32_t keyframe_id = 0;
+  Vector2f px = Vector2f::Zero();         // level-0 pixels, as measured
+  Vector2f global_px = Vector2f::Zero();  // where a global shutter would have seen it: what T_cw alone explains
+  float sigma = 1;                        // expected, level-0 pixels
+};
+
+// What a saved map says of itself.
+struct MapInfo {
+  int version = 0;
+  CameraModel camera;  // with which it was made, not prepared; Config's must be the same to load it
+  RollingShutter shutter;
+  int keyframes = 0, map_points = 0, partial_points = 0;
+  int min_keyframes = 0, min_map_points = 0, min_partial_points = 0;  // least capacities of a Config that can load it
+};
+
 class System {
  public:
   // Bytes of memory that create() needs for this configuration.
@@ -194,10 +212,31 @@ class System {
   // length is not within a millionth to a million times what it was; nothing changes then.
   Status set_length(uint32_t point_a, uint32_t point_b, float length);
 
+  // A finished map as bytes, between two slices: a versioned, checksummed format, the same on every target
+  // (map/map_file.h describes it). With everything needed to find the pose again and go on; keyframes still in the
+  // queue are not in it. All at once: 20 to 30 million ARMv6 instructions for a full map of the phone's.
+  size_t map_bytes() const;  // exactly what save_map() writes now; 0: there is no finished map
+  // Refused when there is no finished map or out is smaller than map_bytes(); *bytes is set on success.
+  Status save_map(std::span<std::byte> out, size_t* bytes) const;
+  // Header and checksum of a saved map, for making a Config that can load it. *info is set on success.
+  static Status map_info(std::span<const std::byte> file, MapInfo* info);
+  // Replaces the map, or whatever was being done, by a saved one. The state is kLost then: the relocaliser finds the
+  // pose in the next frames that show a known view. Refused, with nothing changed, unless the whole file is good, was
+  // made with this camera and shutter, and fits Config's capacities.
+  Status load_map(std::span<const std::byte> file);
+
+  // A locked map is tracked only: no new keyframes or points, no mapping work, until it is unlocked. Without a finished
+  // map it waits for one. Stays as set through tap(), reset() and load_map().
+  void set_locked(bool locked);
+  bool locked() const;
+
   // Copies up to out.size() entries in the order of their ids; returns how many there are in all.
   int keyframes(std::span<KeyframeInfo> out) const;
   MapFit map_fit() const;
   int map_points(std::span<MapPointInfo> out) const;
+  int measurements(std::span<MeasurementInfo> out) const;  // by point, as map_points()
+  GreyView keyframe_image(
+      uint32_t id) const;  // level 0, valid until the next call that is not const; empty: no such id
 
   const Config& config() const;
   const WorkMeter& work_meter() const;

@@ -4,11 +4,19 @@
 #include "geometry/pose_update.h"
 #include "geometry/robust.h"
 #include "image/grey.h"
+#include "map/map_file.h"
 #include "mapping/mapper.h"
 #include "pocket_ptam.h"
 #include "tracking/tracker.h"
 
 namespace pptam {
+
+namespace {
+
+// ARMv6 instructions a byte, for the checksum and a copy.
+constexpr int kMapFileInstructions = 8;
+
+}  // namespace
 
 struct System::Impl {
   Impl(Arena& arena, const Config& configuration)
@@ -154,6 +162,46 @@ Status System::set_length(uint32_t point_a, uint32_t point_b, float length) {
   return {};
 }
 
+size_t System::map_bytes() const {
+  return impl_->map.ready ? map_file_bytes(impl_->map, impl_->config) : 0;
+}
+
+Status System::save_map(std::span<std::byte> out, size_t* bytes) const {
+  const size_t needed = map_bytes();
+  if (needed == 0) return {StatusCode::kInvalidArgument, "save_map: there is no finished map yet"};
+  if (out.size() < needed) return {StatusCode::kOutOfMemory, "save_map: out is smaller than map_bytes()"};
+  write_map_file(impl_->map, impl_->config, out.first(needed));
+  impl_->meter.charge(Work::kOther, static_cast<int64_t>(2 * needed) * kMapFileInstructions);
+  // What was saved can be loaded, by the reader's own rules.
+  const Status status = check_map_file(out.first(needed), impl_->config);
+  if (status.ok()) *bytes = needed;
+  return status;
+}
+
+Status System::map_info(std::span<const std::byte> file, MapInfo* info) {
+  return read_map_info(file, info);
+}
+
+Status System::load_map(std::span<const std::byte> file) {
+  impl_->meter.charge(Work::kOther, static_cast<int64_t>(file.size()) * kMapFileInstructions);
+  const Status status = check_map_file(file, impl_->config);
+  if (!status.ok()) return status;
+  impl_->tracker.reset();
+  read_map_file(file, impl_->config, impl_->map);
+  impl_->tracker.begin_lost();
+  const CameraModel& camera = impl_->config.camera;
+  impl_->meter.charge(Work::kPyramidPixel,
+                      static_cast<int64_t>(camera.width) * camera.height / 3 * impl_->map.keyframes.size());
+  return {};
+}
+
+void System::set_locked(bool locked) {
+  impl_->map.locked = locked;
+}
+bool System::locked() const {
+  return impl_->map.locked;
+}
+
 int System::keyframes(std::span<KeyframeInfo> out) const {
   int count = 0;
   for (const Keyframe& keyframe : impl_->map.keyframes) {
@@ -180,6 +228,30 @@ int System::map_points(std::span<MapPointInfo> out) const {
     ++count;
   }
   return count;
+}
+
+int System::measurements(std::span<MeasurementInfo> out) const {
+  const Config& config = impl_->config;
+  int count = 0;
+  for (const MapPoint& point : impl_->map.points) {
+    if (point.id == 0) continue;
+    for (const Measurement& m : point.measurements) {
+      if (count < static_cast<int>(out.size())) {
+        const Keyframe& keyframe = impl_->map.keyframes[m.keyframe];
+        const Vector2f global_px =
+            global_shutter_px(config.camera, config.shutter, keyframe.velocity, keyframe.T_kw * point.p_w, m.px);
+        out[count] = {point.id, keyframe.id, m.px, global_px, m.sigma};
+      }
+      ++count;
+    }
+  }
+  return count;
+}
+
+GreyView System::keyframe_image(uint32_t id) const {
+  for (const Keyframe& keyframe : impl_->map.keyframes)
+    if (keyframe.id == id) return keyframe.pyramid.level[0];
+  return {};
 }
 
 MapFit System::map_fit() const {

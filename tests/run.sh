@@ -10,12 +10,14 @@ if [[ "${1:-}" == -h || "${1:-}" == --help ]]; then
 Usage: tests/run.sh [--preset NAME] [CTEST OPTIONS]
 Builds the tests and runs them. On Debian it first installs the packages that are missing (as root or by sudo).
 Without arguments all presets, one after the other:
-  test      everything, by gcc                     armv6     unit, kernel and budget tests on an emulated ARM1176
-  clang     kernel tests, by clang                 armv7     the same on a Cortex-A7 with NEON
-  sanitize  kernel tests with address and          aarch64   the same on a 64-bit Cortex-A53
-            undefined-behaviour sanitizers
+  test      everything, by gcc                     armv6     unit, kernel, map file and budget tests on an emulated
+                                                             ARM1176
+  clang     kernel and map file tests, by clang    armv7     the same on a Cortex-A7 with NEON
+  sanitize  kernel and map file tests with         aarch64   the same on a 64-bit Cortex-A53
+            address and undefined-behaviour sanitizers
 With arguments only one preset, test if none is named. Options go to ctest:
-  tests/run.sh -L unit                   only the tests of one folder: unit, kernels, budget, scenario, cli
+  tests/run.sh -L unit                   only the tests of one folder: unit, kernels, map_file, budget, scenario,
+                                         cli
   tests/run.sh -R Pyramid                only tests whose name matches
   tests/run.sh --rerun-failed            only those that failed the last time
   tests/run.sh --preset armv6 -R OfAFrame --verbose      the table of instructions a frame
@@ -47,8 +49,8 @@ passed=0 failed=0
 for preset in "${presets[@]}"; do
   targets=() labels=()
   case "$preset" in
-    clang | sanitize) targets=(--target kernels_tests) labels=(-L kernels) ;;
-    arm* | aarch64) targets=(--target unit_tests kernels_tests budget_tests) ;;
+    clang | sanitize) targets=(--target kernels_tests map_file_tests) labels=(-L 'kernels|map_file') ;;
+    arm* | aarch64) targets=(--target unit_tests kernels_tests map_file_tests budget_tests) ;;
   esac
   echo "== $preset: building"
   cmake --preset "$preset" --log-level=WARNING >/dev/null

@@ -44,4 +44,19 @@ Pyramid copy_pyramid(const Pyramid& source, const PyramidStorage& storage) {
   return copy;
 }
 
+void make_small_image(const Pyramid& pyramid, const GreyImage& small) {
+  const GreyView& source = pyramid.level[kPyramidLevels - 1];
+  for (int y = 0; y < source.height; ++y) {
+    const uint8_t* up = source.row(y > 0 ? y - 1 : 0);
+    const uint8_t* mid = source.row(y);
+    const uint8_t* down = source.row(y + 1 < source.height ? y + 1 : y);
+    for (int x = 0; x < source.width; ++x) {
+      const int l = x > 0 ? x - 1 : 0;
+      const int r = x + 1 < source.width ? x + 1 : x;
+      const int sum = up[l] + 2 * up[x] + up[r] + 2 * (mid[l] + 2 * mid[x] + mid[r]) + down[l] + 2 * down[x] + down[r];
+      small.at(x, y) = static_cast<uint8_t>((sum + 8) >> 4);
+    }
+  }
+}
+
 }  // namespace pptam

@@ -30,4 +30,7 @@ Pyramid build_pyramid(const GreyView& level0, const PyramidStorage& storage);
 // Copies a whole pyramid (level 0 included) into storage made with first_level = 0.
 Pyramid copy_pyramid(const Pyramid& source, const PyramidStorage& storage);
 
+// Level 4 of the pyramid with a 3x3 binomial blur [1 2 1]; edge pixels repeat. small has level 4's size.
+void make_small_image(const Pyramid& pyramid, const GreyImage& small);
+
 }  // namespace pptam

@@ -112,6 +112,7 @@ struct Map {
   int neighbour_count = 0;
   uint32_t next_id = 1;
   bool ready = false;       // initial bundle adjustment and alignment are done: poses may be shown
+  bool locked = false;      // by the user: once it is ready it does not change any more
   uint32_t limits_hit = 0;  // LimitBits since the last reset
   // Counts clear() and changes of scale: tells the mapper that what it was doing has no object any more.
   uint32_t epoch = 0;

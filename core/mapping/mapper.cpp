@@ -44,7 +44,7 @@ Mapper::Mapper(Arena& arena, const Config& config, Map& map, WorkMeter& meter)
       occupied_(arena, config.max_map_points + config.max_partial_points) {}
 
 bool Mapper::has_work() const {
-  if (!map_.exists()) return false;
+  if (!map_.exists() || (map_.locked && map_.ready)) return false;
   return epoch_ != map_.epoch || !resting_ || map_.queued > 0 || !map_.ready;
 }
 
@@ -58,6 +58,7 @@ void Mapper::work_slice() {
     local_pending_ = false;
     full_pending_ = map_.ready;
     newest_ = -1;
+    velocity_rounds_ = 0;
     task_ = run();
     resting_ = false;
     task_.start();

@@ -22,21 +22,6 @@ constexpr int kUnit = 16;  // of warped grey levels
 
 }  // namespace
 
-void make_small_image(const Pyramid& pyramid, const GreyImage& small) {
-  const GreyView& source = pyramid.level[kLevel];
-  for (int y = 0; y < source.height; ++y) {
-    const uint8_t* up = source.row(y > 0 ? y - 1 : 0);
-    const uint8_t* mid = source.row(y);
-    const uint8_t* down = source.row(y + 1 < source.height ? y + 1 : y);
-    for (int x = 0; x < source.width; ++x) {
-      const int l = x > 0 ? x - 1 : 0;
-      const int r = x + 1 < source.width ? x + 1 : x;
-      const int sum = up[l] + 2 * up[x] + up[r] + 2 * (mid[l] + 2 * mid[x] + mid[r]) + down[l] + 2 * down[x] + down[r];
-      small.at(x, y) = static_cast<uint8_t>((sum + 8) >> 4);
-    }
-  }
-}
-
 FullFrameRotation::FullFrameRotation(Arena& arena, const CameraModel& camera)
     : camera_(camera),
       width_(camera.width >> kLevel),
@@ -194,8 +179,8 @@ RotationEstimate FullFrameRotation::estimate(const GreyView& previous, const Gre
       const Matrix7f inverse = ldlt.solve(Matrix7f::Identity());
       result.covariance = inverse.topLeftCorner<3, 3>() * variance;
       result.R_cp = orthonormalised(result.R_cp);
-      result.ok =
-          size < kMaxLastStep_rad && result.residual < kMaxResidual_grey && gain > kMinGain && gain < 1 / kMinGain;
+      result.near = result.residual < kMaxResidual_grey && gain > kMinGain && gain < 1 / kMinGain;
+      result.ok = result.near && size < kMaxLastStep_rad;
       return result;
     }
   }

@@ -12,15 +12,13 @@
 
 namespace pptam {
 
-// Level 4 of the pyramid with a 3x3 binomial blur [1 2 1]; edge pixels repeat. small has level 4's size.
-void make_small_image(const Pyramid& pyramid, const GreyImage& small);
-
 struct RotationEstimate {
   Matrix3f R_cp = Matrix3f::Identity();        // previous camera to current camera
   Matrix3f covariance = Matrix3f::Identity();  // of omega in R_cp <- R_cp exp(omega), rad^2
   float residual = 0;                          // rms after gain and offset, grey levels
   int iterations = 0;
-  bool ok = false;  // enough overlap and texture, converged
+  bool ok = false;    // enough overlap and texture, converged
+  bool near = false;  // the same but for the last: a start for what searches coarsely
 };
 
 class FullFrameRotation {

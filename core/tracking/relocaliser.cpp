@@ -45,7 +45,7 @@ RelocalisationCandidate propose_pose(const Map& map, FullFrameRotation& full_fra
   const RotationEstimate rotation =
       full_frame_rotation.estimate(keyframe.small, small, Matrix3f::Identity(), Vector3f::Zero());
   meter.charge(Work::kRotationPixel, static_cast<int64_t>(rotation.iterations) * small.width * small.height);
-  if (!rotation.ok) return candidate;
+  if (!rotation.near) return candidate;  // what is left of it is less than the tracker's wide search
   candidate.keyframe = last_index;
   candidate.T_cw = SE3(rotation.R_cp, Vector3f::Zero()) * keyframe.T_kw;
   return candidate;

@@ -119,6 +119,15 @@ void Tracker::reset() {
   bad_frames_ = good_frames_ = confirm_ = 0;
 }
 
+void Tracker::begin_lost() {
+  state_ = TrackingState::kLost;
+  hint_ = Hint::kReturnToKnownView;
+  relocalise_rank_ = 0;
+  next_partial_ = 0;
+  transform_count_ = map_.transform_count;
+  last_keyframe_ns_ = INT64_MIN;  // the map's timestamps are another recording's
+}
+
 void Tracker::mark_stage(Stage stage, TrackResult* result) {
   if (!clock_) return;
   const int64_t now_ns = clock_->now_ns();
@@ -517,7 +526,7 @@ void Tracker::track_with_map(float dt_s, TrackResult* result) {
       }
     }
     mark_stage(Stage::kPose, result);
-    if (map_.ready) {
+    if (map_.ready && !map_.locked) {
       update_partial_points(result);
       mark_stage(Stage::kPartial, result);
       if (wants_keyframe(tracking)) {

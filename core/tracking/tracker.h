@@ -21,6 +21,8 @@ class Tracker {
   TrackResult track(const Frame& frame, const Clock* clock);
   void tap();
   void reset();
+  // After reset() a map was loaded: where in it the camera is has to be found.
+  void begin_lost();
   // Takes over a change of the map's coordinates; by itself at every frame, and to be called after one in between.
   void follow_map();
 

@@ -9,6 +9,7 @@
 
 #include "platform/app/console.h"
 #include "platform/app/evaluation.h"
+#include "platform/app/map_command.h"
 #include "platform/app/overlay.h"
 #include "platform/app/readout.h"
 #include "platform/app/report.h"
@@ -17,6 +18,7 @@
 #include "platform/app/suite.h"
 #include "platform/camera/dump_sequence.h"
 #include "platform/camera/recorded_camera.h"
+#include "platform/files.h"
 #include "sim_phone/motion.h"
 #include "sim_phone/phone_camera.h"
 #include "sim_phone/story.h"
@@ -33,6 +35,7 @@ constexpr int kExitBadInput = 2;  // nothing was done
 
 struct OutputOptions {
   std::string out;
+  std::string save_map;
   bool no_overlay = false;
   bool no_report = false;
 };
@@ -121,12 +124,24 @@ void prepare_folder(const std::filesystem::path& folder) {
   for (const char* name : kOutputs) std::filesystem::remove(folder / name, error);  // of an earlier run
 }
 
+void check_map_options(const RunOptions& run, const OutputOptions& output) {
+  if (!run.load_map.empty() && (!run.taps_s.empty() || run.auto_start))
+    throw InputError("--load-map " + run.load_map + ": --tap and --auto-start would forget the map");
+  if (output.save_map.empty()) return;
+  const std::filesystem::path folder = std::filesystem::path(output.save_map).parent_path();
+  if (!folder.empty() && !std::filesystem::is_directory(folder))
+    throw InputError("--save-map " + output.save_map + ": there is no folder " + folder.string());
+  if (std::filesystem::is_directory(output.save_map))
+    throw InputError("--save-map " + output.save_map + ": is a folder");
+}
+
 int run_and_write(platform::Camera& camera, const RunOptions& run_options, const OutputOptions& output,
                   bool plane_known, const std::string& command, const sim::Story* story = nullptr) {
   const platform::Trajectory truth = camera.ground_truth();
   const std::filesystem::path folder = output.out.empty()
                                            ? std::filesystem::path("out") / folder_name(camera.info().name)
                                            : std::filesystem::path(output.out);
+  check_map_options(run_options, output);
   std::vector<std::string> warnings;
   std::unique_ptr<Overlay> overlay;
   Progress progress;
@@ -165,6 +180,7 @@ int run_and_write(platform::Camera& camera, const RunOptions& run_options, const
   }
   write_text_outputs(log, folder);
   if (!output.no_report) write_report(folder, log, summary, truth, &warnings);
+  if (!log.saved_map.empty()) platform::write_atomically(output.save_map, log.saved_map);
 
   print_rows(summarise(log, summary));
   std::string written;
@@ -174,9 +190,11 @@ int run_and_write(platform::Camera& camera, const RunOptions& run_options, const
   std::printf("\nwritten to %s:%s\n", folder.string().c_str(), written.c_str());
   std::fflush(stdout);
   for (const std::string& warning : warnings) print_warning(warning);
-  if (log.broken.empty()) return kExitOk;
-  print_error(log.broken + "; what came before it was tracked and written");
-  return kExitBroken;
+  if (!log.saved_map.empty()) std::printf("map saved to %s\n", output.save_map.c_str());
+  if (!log.save_trouble.empty())
+    print_error("--save-map " + output.save_map + ": nothing was saved: " + log.save_trouble);
+  if (!log.broken.empty()) print_error(log.broken + "; what came before it was tracked and written");
+  return log.broken.empty() && log.save_trouble.empty() ? kExitOk : kExitBroken;
 }
 
 void add_run_options(CLI::App* command, RunOptions* run, OutputOptions* output) {
@@ -212,6 +230,18 @@ void add_run_options(CLI::App* command, RunOptions* run, OutputOptions* output) 
       ->type_name("LENGTH");
   command->add_flag_callback(
       "--no-damping", [run] { run->steady_damping = false; }, "Show every pose as measured, also of a camera at rest");
+  command->add_option("--load-map", run->load_map, "Begin with a map saved earlier, made with this very camera")
+      ->type_name("FILE");
+  command
+      ->add_option_function<std::string>(
+          "--save-map",
+          [run, output](const std::string& file) {
+            output->save_map = file;
+            run->save_map = true;
+          },
+          "Save the map at the end; an older file is replaced whole or not at all")
+      ->type_name("FILE");
+  command->add_flag("--lock-map", run->lock_map, "Track only: a finished or loaded map is not changed any more");
   command->add_flag("--no-overlay", output->no_overlay, "No overlay.mp4 and stills");
   command->add_flag("--no-report", output->no_report, "No report.html");
 }
@@ -257,6 +287,7 @@ int run_program(int argc, char** argv) {
       "  pocket-ptam sim                                  a desk seen by the emulated phone\n"
       "  pocket-ptam replay clip.mp4 --fov 50             a video, with a guessed field of view\n"
       "  pocket-ptam eval trajectory.txt groundtruth.txt  compare two trajectories\n"
+      "  pocket-ptam map info desk.map                    what is in a saved map\n"
       "Each command has its own --help. Exit codes: 0 done, 1 broke midway, 2 bad input.");
   const std::string command = command_of(argc, argv);
   RunOptions run;
@@ -349,6 +380,8 @@ int run_program(int argc, char** argv) {
               "  pocket-ptam sim --story shake --seed 2\n"
               "  pocket-ptam sim --readout rows:+:0.030 --fps 30   another phone's shutter\n"
               "  pocket-ptam sim --dump /tmp/desk                  a sequence for other programs\n"
+              "  pocket-ptam sim --save-map desk.map\n"
+              "  pocket-ptam sim --load-map desk.map --lock-map --seed 2 --scene-seed 1\n"
               "  pocket-ptam sim --suite --seeds 5 --jobs 2 --compare\n"
               "  pocket-ptam sim --suite --story orbit --story zoom --seeds 20\n"
               "  pocket-ptam sim --study init --seeds 20 --jobs 2");
@@ -362,7 +395,9 @@ int run_program(int argc, char** argv) {
       "Examples:\n"
       "  pocket-ptam replay rgbd_dataset_freiburg1_xyz --calibration fr1.yaml --resize 320x240\n"
       "  pocket-ptam replay clip.mp4 --fov 50 --readout rows:+:0.030\n"
-      "  pocket-ptam replay 'frames/img_%04d.png' --fov 60 --fps 15 --tap 2");
+      "  pocket-ptam replay 'frames/img_%04d.png' --fov 60 --fps 15 --tap 2\n"
+      "  pocket-ptam replay monday.mp4 --calibration phone.yaml --save-map room.map\n"
+      "  pocket-ptam replay tuesday.mp4 --calibration phone.yaml --load-map room.map");
 
   CLI::App* readout_command =
       app.add_subcommand("readout", "Find a recording's rolling shutter: the one with which its map fits best");
@@ -392,17 +427,44 @@ int run_program(int argc, char** argv) {
   eval->add_option("--plot", plot_file, "Draw both")->type_name("FILE.svg");
   eval->footer("Example:\n  pocket-ptam eval out/desk-seed-1/trajectory.txt groundtruth.txt --plot both.svg");
 
+  CLI::App* map_command = app.add_subcommand("map", "Look into a saved map, or take it to other programs");
+  map_command->require_subcommand(1);
+  MapExportOptions export_options;
+  CLI::App* map_info = map_command->add_subcommand("info", "What is in it; exit code 2 if it is damaged");
+  CLI::App* map_export = map_command->add_subcommand("export", "Write it for other programs");
+  for (CLI::App* part : {map_info, map_export})
+    part->add_option("map", export_options.map, "Saved by --save-map")->required()->type_name("FILE");
+  map_export->add_option("--ply", export_options.ply, "The points, for MeshLab or CloudCompare")->type_name("OUT.ply");
+  map_export
+      ->add_option("--colmap", export_options.colmap,
+                   "COLMAP's text model (cameras.txt, images.txt, points3D.txt) and the keyframes' images")
+      ->type_name("DIR");
+  map_info->footer("Example:\n  pocket-ptam map info desk.map");
+  map_export->footer(
+      "In COLMAP's model the measurements are corrected for the rolling shutter; the images are as they were.\n"
+      "Examples:\n"
+      "  pocket-ptam map export desk.map --ply desk.ply\n"
+      "  pocket-ptam map export desk.map --colmap desk-colmap");
+  map_command->footer(
+      "Examples:\n"
+      "  pocket-ptam sim --save-map desk.map\n"
+      "  pocket-ptam map info desk.map\n"
+      "  pocket-ptam map export desk.map --ply desk.ply --colmap desk-colmap");
+
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
     if (error.get_exit_code() == 0) return app.exit(error);  // --help and --version
     std::string with_command = "pocket-ptam";
-    for (const CLI::App* used : app.get_subcommands()) with_command += " " + used->get_name();
+    for (const CLI::App* used = &app; !used->get_subcommands().empty();) {
+      used = used->get_subcommands().front();
+      with_command += " " + used->get_name();
+    }
     throw InputError(std::string(error.what()) + "; see " + with_command + " --help");
   }
 
   if (app.get_subcommands().empty())
-    throw InputError("no command given: sim, replay, readout or eval; see pocket-ptam --help");
+    throw InputError("no command given: sim, replay, readout, eval or map; see pocket-ptam --help");
   if (sim->parsed()) {
     if (!readout.empty()) {
       const Readout parsed = parse_readout(readout);
@@ -423,6 +485,8 @@ int run_program(int argc, char** argv) {
       options->frames_per_s = phone.frames_per_s;
     };
     adjust(&phone);
+    if ((suite || !study.empty() || !dump.empty()) && (run.save_map || run.lock_map || !run.load_map.empty()))
+      throw InputError("--load-map, --save-map and --lock-map belong to a single run");
     if (suite) {
       SuiteOptions options;
       options.stories = chosen_stories;
@@ -500,6 +564,15 @@ int run_program(int argc, char** argv) {
     readout_options.run = run;
     readout_options.jobs = jobs;
     return find_readout(readout_options) ? kExitOk : kExitBroken;
+  }
+
+  if (map_info->parsed()) {
+    print_map_info(export_options.map);
+    return kExitOk;
+  }
+  if (map_export->parsed()) {
+    export_map(export_options);
+    return kExitOk;
   }
 
   const platform::Trajectory estimate = platform::read_tum_trajectory(estimate_file);

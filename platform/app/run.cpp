@@ -9,6 +9,7 @@
 #include <optional>
 
 #include "platform/app/clocks.h"
+#include "platform/app/map_command.h"
 
 namespace pptam::app {
 namespace {
@@ -129,13 +130,16 @@ FrameLog log_of(const TrackResult& result) {
 // Decides when the user taps.
 class Taps {
  public:
-  Taps(std::vector<double> taps_s, bool by_itself) : taps_s_(std::move(taps_s)), by_itself_(by_itself) {
+  // none_at_first: there is a map already.
+  Taps(std::vector<double> taps_s, bool by_itself, bool none_at_first)
+      : taps_s_(std::move(taps_s)), by_itself_(by_itself), none_at_first_(none_at_first) {
     std::sort(taps_s_.begin(), taps_s_.end());
   }
 
   bool due(double seconds, const RunLog& log) {
     if (taps_s_.empty() && by_itself_) return false;
-    if (taps_s_.empty()) return log.frames.empty() || log.frames.back().state == TrackingState::kWaiting;
+    if (taps_s_.empty() && log.frames.empty()) return !none_at_first_;
+    if (taps_s_.empty()) return log.frames.back().state == TrackingState::kWaiting;
     bool due = false;
     for (; next_ < taps_s_.size() && taps_s_[next_] <= seconds; ++next_) due = true;
     return due;
@@ -144,6 +148,7 @@ class Taps {
  private:
   std::vector<double> taps_s_;
   bool by_itself_;
+  bool none_at_first_;
   size_t next_ = 0;
 };
 
@@ -156,24 +161,6 @@ std::ofstream open_for_writing(const std::filesystem::path& file) {
 void close_checked(std::ofstream& stream, const std::filesystem::path& file) {
   stream.close();
   if (!stream) throw InputError(file.string() + ": cannot be written, is the disk full?");
-}
-
-void write_map(const RunLog& log, const std::filesystem::path& file) {
-  std::ofstream out = open_for_writing(file);
-  out << "ply\nformat ascii 1.0\ncomment map points in world units, z = 0 is the dominant plane\n"
-      << "element vertex " << log.map_points.size() << "\n"
-      << "property float x\nproperty float y\nproperty float z\n"
-      << "property float nx\nproperty float ny\nproperty float nz\n"
-      << "property uchar red\nproperty uchar green\nproperty uchar blue\nproperty int measurements\nend_header\n";
-  char line[256];
-  for (const MapPointInfo& point : log.map_points) {
-    const int grey = point.grey;
-    std::snprintf(line, sizeof line, "%.7g %.7g %.7g %.4f %.4f %.4f %d %d %d %d\n", point.p_w.x(), point.p_w.y(),
-                  point.p_w.z(), point.normal_w.x(), point.normal_w.y(), point.normal_w.z(), grey, grey, grey,
-                  point.measurements);
-    out << line;
-  }
-  close_checked(out, file);
 }
 
 void write_frames(const RunLog& log, const std::filesystem::path& file) {
@@ -219,11 +206,16 @@ RunLog run_sequence(platform::Camera& camera, const RunOptions& options, const S
   if (!status.ok()) throw InputError(log.camera.name + ": the camera cannot be used: " + status.message());
   const std::unique_ptr<Clock> clock = make_clock(options, *system);
   system->set_clock(clock.get());
+  system->set_locked(options.lock_map);
+  if (!options.load_map.empty()) {
+    status = system->load_map(read_map_file(options.load_map));
+    if (!status.ok()) throw InputError(options.load_map + ": " + status.message());
+  }
 
   LookAhead source(camera, &log.broken);
   if (!source.advance()) throw InputError(log.camera.name + ": holds no images");
   on_start(log.camera);
-  Taps taps(options.taps_s, options.auto_start);
+  Taps taps(options.taps_s, options.auto_start, !options.load_map.empty());
   const int64_t first_timestamp_ns = source.current().timestamp_ns;
   const int64_t origin_ns = clock->now_ns() - first_timestamp_ns;
   auto* const throttled = dynamic_cast<ThrottledClock*>(clock.get());
@@ -276,6 +268,13 @@ RunLog run_sequence(platform::Camera& camera, const RunOptions& options, const S
   system->map_points(log.map_points);
   log.map_fit = system->map_fit();
   log.map_hash = system->map_hash();
+  if (options.save_map) {
+    log.saved_map.resize(system->map_bytes());
+    size_t saved = 0;
+    status = system->save_map(log.saved_map, &saved);
+    log.saved_map.resize(saved);
+    if (!status.ok()) log.save_trouble = status.message();
+  }
   return log;
 }
 
@@ -479,7 +478,7 @@ void write_text_outputs(const RunLog& log, const std::filesystem::path& folder) 
                                  "timestamp tx ty tz qx qy qz qw, camera-to-world, world units");
   platform::write_tum_trajectory(folder / "keyframes.txt", log.keyframe_trajectory(),
                                  "timestamp tx ty tz qx qy qz qw, camera-to-world, world units");
-  write_map(log, folder / "map.ply");
+  write_ply(folder / "map.ply", log.map_points);
   write_frames(log, folder / "frames.csv");
 }
 

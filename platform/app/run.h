@@ -4,6 +4,7 @@
 // was so slow that the next frame has arrived already, the older one is dropped, as a camera does.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
@@ -31,6 +32,9 @@ struct RunOptions {
   bool auto_start = false;    // no taps but those of taps_s: Config::auto_start
   double plane_distance = 0;  // Config::initial_plane_distance
   bool steady_damping = true;
+  std::string load_map;   // file to begin with; empty: none. The first tap by itself is left out then
+  bool lock_map = false;  // System::set_locked
+  bool save_map = false;  // into RunLog::saved_map at the end
 };
 
 struct FrameLog {
@@ -70,7 +74,9 @@ struct RunLog {
   uint64_t map_hash = 0;
   MapFit map_fit;
   int64_t memory_bytes = 0;
-  std::string broken;  // what stopped the source midway; empty: it ran to its end
+  std::vector<std::byte> saved_map;  // if RunOptions ask for it
+  std::string save_trouble;          // why it is empty although they do
+  std::string broken;                // what stopped the source midway; empty: it ran to its end
 
   platform::Trajectory trajectory() const;           // the frames with a pose, camera-to-world
   platform::Trajectory keyframe_trajectory() const;  // in the order of time

@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <map>
 #include <sstream>
 #include <string>
 #include <utility>
@@ -72,9 +73,9 @@ std::string tum_file(int poses, double scale) {
 TEST_F(Program, HelpShowsEveryCommandWithExamples) {
   const Answer help = run("--help");
   EXPECT_EQ(help.code, 0);
-  for (const char* part : {"sim", "replay", "readout", "eval", "Examples:", "Exit codes"})
+  for (const char* part : {"sim", "replay", "readout", "eval", "map", "Examples:", "Exit codes"})
     EXPECT_TRUE(contains(help.out, part));
-  for (const char* command : {"sim", "replay", "readout", "eval"}) {
+  for (const char* command : {"sim", "replay", "readout", "eval", "map", "map info", "map export"}) {
     const Answer answer = run(std::string(command) + " --help");
     EXPECT_EQ(answer.code, 0) << command;
     EXPECT_TRUE(contains(answer.out, "Example")) << command;
@@ -134,6 +135,23 @@ TEST_F(Program, BadInputIsOneLineThatNamesItAndLeavesNothingBehind) {
       {"replay no_video.mp4 --fov 50 --out o", "no_video.mp4"},
       {"replay no_images --calibration missing.yaml --out o", ""},
       {"replay no_images --fov 50 --resize big --out o", "320x240"},
+      {"sim --load-map missing.map --out o", "missing.map"},
+      {"sim --load-map garbage.txt --out o", "garbage.txt: this is not a map"},
+      {"sim --load-map garbage.txt --tap 1 --out o", "--tap"},
+      {"sim --save-map nowhere/desk.map --out o", "nowhere"},
+      {"sim --save-map no_images --out o", "no_images"},
+      {"sim --suite --save-map desk.map --out o", "single run"},
+      {"sim --dump d --lock-map", "single run"},
+      {"map", "map --help"},
+      {"map fly", "map --help"},
+      {"map info", "map info --help"},
+      {"map info missing.map", "missing.map"},
+      {"map info no_images", "no_images"},
+      {"map info garbage.txt", "garbage.txt: this is not a map"},
+      {"map info empty.txt", "empty.txt: this is not a map"},
+      {"map export good.txt", "--ply or --colmap"},
+      {"map export good.txt --ply o", "good.txt: this is not a map"},
+      {"map export good.txt --colmap o", "good.txt: this is not a map"},
       {"eval missing.txt good.txt", "missing.txt"},
       {"eval good.txt missing.txt", "missing.txt"},
       {"eval garbage.txt good.txt", "garbage.txt"},
@@ -345,6 +363,123 @@ TEST_F(Program, FindsTheReadout) {
   EXPECT_NEAR(std::stod(answer.out.substr(at + 26)), 0.060, 0.0065);
   EXPECT_EQ(run("readout nothing.mp4 --fov 50").code, 2);
   EXPECT_EQ(run("readout d --calibration d/calibration.yaml --axis diagonal").code, 2);
+}
+
+// COLMAP's text model, read as its documentation says: the median distance between the measurements and the points
+// projected by the pinhole camera, in pixels; negative when the model does not hang together.
+double colmap_error(const fs::path& folder, int* images, int* points) {
+  std::istringstream cameras(read_all(folder / "cameras.txt"));
+  std::string line, model;
+  std::getline(cameras, line);
+  int camera_id = 0, width = 0, height = 0;
+  double fx = 0, fy = 0, cx = 0, cy = 0;
+  cameras >> camera_id >> model >> width >> height >> fx >> fy >> cx >> cy;
+  if (camera_id != 1 || model != "PINHOLE" || width != 240 || height != 320) return -1;
+
+  std::map<int, std::vector<double>> position;  // of each point
+  std::map<std::pair<int, int>, int> track;     // image and index: point
+  std::istringstream points_file(read_all(folder / "points3D.txt"));
+  while (std::getline(points_file, line)) {
+    if (line.empty() || line[0] == '#') continue;
+    std::istringstream words(line);
+    int id = 0, image = 0, index = 0;
+    double x = 0, y = 0, z = 0, red = 0, green = 0, blue = 0, error = 0;
+    words >> id >> x >> y >> z >> red >> green >> blue >> error;
+    position[id] = {x, y, z};
+    while (words >> image >> index) track[{image, index}] = id;
+  }
+  std::vector<double> errors;
+  std::istringstream images_file(read_all(folder / "images.txt"));
+  *images = 0;
+  while (std::getline(images_file, line)) {
+    if (line.empty() || line[0] == '#') continue;
+    std::istringstream words(line);
+    int id = 0, camera = 0;
+    double w = 0, a = 0, b = 0, c = 0, tx = 0, ty = 0, tz = 0;
+    std::string name;
+    words >> id >> w >> a >> b >> c >> tx >> ty >> tz >> camera >> name;
+    if (camera != 1 || !fs::exists(folder / "images" / name)) return -2;
+    ++*images;
+    std::getline(images_file, line);
+    std::istringstream observations(line);
+    double u = 0, v = 0;
+    for (int index = 0, point = 0; observations >> u >> v >> point; ++index) {
+      if (track.count({id, index}) == 0 || track[{id, index}] != point) return -3;
+      const double x = position[point][0], y = position[point][1], z = position[point][2];
+      // The quaternion's rotation, written out.
+      const double X = (1 - 2 * (b * b + c * c)) * x + 2 * (a * b - w * c) * y + 2 * (a * c + w * b) * z + tx;
+      const double Y = 2 * (a * b + w * c) * x + (1 - 2 * (a * a + c * c)) * y + 2 * (b * c - w * a) * z + ty;
+      const double Z = 2 * (a * c - w * b) * x + 2 * (b * c + w * a) * y + (1 - 2 * (a * a + b * b)) * z + tz;
+      errors.push_back(std::hypot(fx * X / Z + cx - u, fy * Y / Z + cy - v));
+    }
+  }
+  *points = static_cast<int>(position.size());
+  if (errors.size() != track.size() || errors.empty()) return -4;
+  std::nth_element(errors.begin(), errors.begin() + static_cast<ptrdiff_t>(errors.size() / 2), errors.end());
+  return errors[errors.size() / 2];
+}
+
+TEST_F(Program, SavedMapsAreLoadedShownAndExported) {
+  const std::string quiet = " --no-overlay --no-report --out o";
+  const Answer made = run("sim --duration 6 --save-map desk.map" + quiet);
+  ASSERT_EQ(made.code, 0) << made.err;
+  EXPECT_TRUE(contains(made.out, "map saved to desk.map")) << made.out;
+  const std::string map = read_all(folder_ / "desk.map");
+  ASSERT_GT(map.size(), 100000u);
+
+  const Answer info = run("map info desk.map");
+  EXPECT_EQ(info.code, 0) << info.err;
+  for (const char* part : {"version 1", "checksum", "240x320", "columns:-:0.06", "keyframes", "points", "px, median"})
+    EXPECT_TRUE(contains(info.out, part)) << part << "\n" << info.out;
+
+  const Answer exported = run("map export desk.map --ply desk.ply --colmap colmap");
+  EXPECT_EQ(exported.code, 0) << exported.err;
+  EXPECT_EQ(read_all(folder_ / "desk.ply"), read_all(folder_ / "o/map.ply"));
+  int images = 0, points = 0;
+  // Half a pixel of sub-pixel noise, of points measured in level 1; the convention of pixel centres alone is as much,
+  // in each direction: without it the median would be above this.
+  const double error = colmap_error(folder_ / "colmap", &images, &points);
+  EXPECT_GT(error, 0);
+  EXPECT_LT(error, 0.5);
+  EXPECT_TRUE(contains(info.out, std::to_string(points) + ", measured")) << points << "\n" << info.out;
+  EXPECT_GE(images, 3);
+  // Pixels from their corners, not from their centres: what the check is to find.
+  std::string cameras = read_all(folder_ / "colmap/cameras.txt");
+  const size_t centre = cameras.rfind(" 120 160");
+  ASSERT_NE(centre, std::string::npos) << cameras;
+  write("colmap/cameras.txt", cameras.replace(centre, 8, " 119.5 159.5"));
+  EXPECT_GT(colmap_error(folder_ / "colmap", &images, &points), 0.5);
+
+  // Used again; locked it stays as it is, to the byte but for what the tracker counts.
+  const Answer again = run("sim --duration 3 --load-map desk.map --lock-map --save-map again.map" + quiet);
+  EXPECT_EQ(again.code, 0) << again.err;
+  EXPECT_EQ(read_all(folder_ / "again.map").size(), map.size());
+  EXPECT_EQ(read_all(folder_ / "desk.ply"), read_all(folder_ / "o/map.ply"));
+
+  // Not with another camera, and not damaged.
+  for (const char* other : {"--readout rows:+:0.06", "--readout columns:-:0.03"}) {
+    const Answer wrong = run(std::string("sim --load-map desk.map --out p ") + other);
+    EXPECT_EQ(wrong.code, 2) << other;
+    EXPECT_TRUE(contains(wrong.err, "desk.map: the map was made with another rolling shutter")) << wrong.err;
+    EXPECT_FALSE(fs::exists(folder_ / "p"));
+  }
+  for (const size_t length : {size_t{0}, size_t{5}, size_t{50}, size_t{200}, map.size() / 2, map.size() - 1}) {
+    write("cut.map", map.substr(0, length));
+    for (const char* command : {"map info cut.map", "map export cut.map --ply p", "sim --load-map cut.map --out p"}) {
+      const Answer cut = run(command);
+      EXPECT_EQ(cut.code, 2) << command << length;
+      EXPECT_EQ(cut.err.rfind("pocket-ptam: error: cut.map: ", 0), 0u) << cut.err;
+      EXPECT_EQ(std::count(cut.err.begin(), cut.err.end(), '\n'), 1) << cut.err;
+      EXPECT_TRUE(cut.out.empty()) << cut.out;
+      EXPECT_FALSE(fs::exists(folder_ / "p"));
+    }
+  }
+
+  // No map, nothing saved: the older file stays, and the exit code says so.
+  const Answer none = run("sim --duration 1 --save-map desk.map" + quiet);
+  EXPECT_EQ(none.code, 1);
+  EXPECT_TRUE(contains(none.err, "nothing was saved")) << none.err;
+  EXPECT_EQ(read_all(folder_ / "desk.map"), map);
 }
 
 }  // namespace

@@ -65,6 +65,9 @@ TEST(NoHeap, TrackingAndMappingAllocateNothing) {
   test::Phone phone(test::config_for(recording));
   std::vector<KeyframeInfo> keyframes(40);
   std::vector<MapPointInfo> points(1000);
+  std::vector<MeasurementInfo> measurements(9000);
+  std::vector<std::byte> saved(4 * 1000 * 1000);
+  size_t saved_bytes = 0;
 
   const long before = allocations;
   int poses = 0, most_keyframes = 0;
@@ -78,7 +81,10 @@ TEST(NoHeap, TrackingAndMappingAllocateNothing) {
     while (phone->has_work()) phone->work_slice();
     phone->keyframes(keyframes);
     phone->map_points(points);
+    phone->measurements(measurements);
   }
+  const bool saved_and_loaded =
+      phone->save_map(saved, &saved_bytes).ok() && phone->load_map(std::span(saved).first(saved_bytes)).ok();
   int64_t now_ns = recording.timestamps_ns.back();
   for (int i = 0; i < 30; ++i) {  // another place: lost, and the relocaliser at work
     now_ns += 66666667;
@@ -93,6 +99,7 @@ TEST(NoHeap, TrackingAndMappingAllocateNothing) {
   EXPECT_EQ(during, 0);
   EXPECT_GT(poses, 20) << "the replay must have a map, or nothing was tested";
   EXPECT_GE(most_keyframes, 4);
+  EXPECT_TRUE(saved_and_loaded);
   EXPECT_TRUE(lost) << "the relocaliser must have worked";
 
   // The counter counts.

@@ -32,6 +32,16 @@ struct Recording {
   }
 };
 
+// The images from..to - 1, at their own times.
+inline Recording part_of(const Recording& whole, int from, int to) {
+  Recording part;
+  part.info = whole.info;
+  part.truth = whole.truth;
+  part.images.assign(whole.images.begin() + from, whole.images.begin() + to);
+  part.timestamps_ns.assign(whole.timestamps_ns.begin() + from, whole.timestamps_ns.begin() + to);
+  return part;
+}
+
 inline Recording record(const sim::PhoneOptions& options) {
   Recording recording;
   const auto camera = sim::make_phone_camera(options);

@@ -1,0 +1,524 @@
+#include "map/map_file.h"
+
+#include <array>
+#include <bit>
+#include <cmath>
+#include <cstring>
+
+namespace pptam {
+
+namespace {
+
+constexpr char kMagic[] = "PPTAMMAP";
+constexpr size_t kMagicBytes = 8;
+constexpr uint32_t kVersion = 1;
+constexpr size_t kHeaderBytes = 108;
+constexpr size_t kKeyframeBytes = 120;  // without its image
+constexpr size_t kPointBytes = 52;      // without its measurements
+constexpr size_t kPartialBytes = 44;
+constexpr size_t kCrcBytes = 4;
+
+constexpr int kMostKeyframes = 1000;  // Config::validate allows no more
+constexpr float kLargest = 1e8f;      // of any length or speed in the map: its fourth power is still a float
+constexpr float kLeastDepth = 1e-8f;
+constexpr float kMostInformation = 1e30f;
+// Of a rotation's rows and of a normal: a thousand times float32's rounding, a hundred times what a map ever shows.
+constexpr float kUnitTolerance = 1e-4f;
+constexpr float kLargestSigma_px = 1 << (kPyramidLevels - 1);
+
+Status refused(const char* message) {
+  return {StatusCode::kInvalidArgument, message};
+}
+
+constexpr std::array<uint32_t, 256> make_crc_table() {
+  std::array<uint32_t, 256> table = {};
+  for (uint32_t i = 0; i < 256; ++i) {
+    uint32_t value = i;
+    for (int bit = 0; bit < 8; ++bit) value = (value >> 1) ^ ((value & 1) != 0 ? 0xEDB88320u : 0u);
+    table[i] = value;
+  }
+  return table;
+}
+constexpr std::array<uint32_t, 256> kCrcTable = make_crc_table();
+
+// Writes into a span, or only counts when there is none.
+class Writer {
+ public:
+  explicit Writer(std::span<std::byte> out) : out_(out) {}
+  void bytes(const void* data, size_t count) {
+    if (!out_.empty()) std::memcpy(out_.data() + used_, data, count);
+    used_ += count;
+  }
+  template <class T>
+  void integer(T value) {
+    uint8_t little[sizeof(T)];
+    for (size_t i = 0; i < sizeof(T); ++i) little[i] = static_cast<uint8_t>(static_cast<uint64_t>(value) >> (8 * i));
+    bytes(little, sizeof(T));
+  }
+  void u16(uint16_t value) { integer(value); }
+  void u32(uint32_t value) { integer(value); }
+  void u64(uint64_t value) { integer(value); }
+  void f32(float value) { u32(std::bit_cast<uint32_t>(value)); }
+  template <class Vector>
+  void vector(const Vector& values) {
+    for (int i = 0; i < values.size(); ++i) f32(values[i]);
+  }
+  size_t used() const { return used_; }
+
+ private:
+  std::span<std::byte> out_;
+  size_t used_ = 0;
+};
+
+// Reads out of a span; past its end everything is zero and failed() says so.
+class Reader {
+ public:
+  explicit Reader(std::span<const std::byte> in) : in_(in) {}
+  std::span<const std::byte> bytes(size_t count) {
+    if (count > left()) {
+      failed_ = true;
+      return {};
+    }
+    const std::span<const std::byte> part = in_.subspan(used_, count);
+    used_ += count;
+    return part;
+  }
+  template <class T>
+  T integer() {
+    const std::span<const std::byte> little = bytes(sizeof(T));
+    uint64_t value = 0;
+    for (size_t i = 0; i < little.size(); ++i) value |= static_cast<uint64_t>(little[i]) << (8 * i);
+    return static_cast<T>(value);
+  }
+  uint16_t u16() { return integer<uint16_t>(); }
+  uint32_t u32() { return integer<uint32_t>(); }
+  uint64_t u64() { return integer<uint64_t>(); }
+  float f32() { return std::bit_cast<float>(u32()); }
+  template <class Vector>
+  void vector(Vector* values) {
+    for (int i = 0; i < values->size(); ++i) (*values)[i] = f32();
+  }
+  size_t left() const { return in_.size() - used_; }
+  bool failed() const { return failed_; }
+
+ private:
+  std::span<const std::byte> in_;
+  size_t used_ = 0;
+  bool failed_ = false;
+};
+
+bool within(float value, float least, float most) {  // false for NaN
+  return value >= least && value <= most;
+}
+
+template <class Vector>
+bool small_enough(const Vector& values) {
+  for (int i = 0; i < values.size(); ++i)
+    if (!within(values[i], -kLargest, kLargest)) return false;
+  return true;
+}
+
+bool is_rotation(const Matrix3f& R) {
+  if (!small_enough(R.reshaped())) return false;
+  const Matrix3f error = R * R.transpose() - Matrix3f::Identity();
+  return error.cwiseAbs().maxCoeff() < kUnitTolerance && R.row(0).cross(R.row(1)).dot(R.row(2)) > 0;
+}
+
+struct Count {  // of one kind of entry
+  uint32_t slots = 0, entries = 0;
+};
+template <class Slots>
+Count count(const Slots& slots) {
+  Count result;
+  for (int i = 0; i < slots.size(); ++i) {
+    if (slots[i].id == 0) continue;
+    result.slots = static_cast<uint32_t>(i + 1);
+    ++result.entries;
+  }
+  return result;
+}
+
+struct Header {
+  uint32_t version = 0;
+  uint32_t flags = 0;
+  uint64_t bytes = 0;
+  CameraModel camera;
+  RollingShutter shutter;
+  uint32_t next_id = 0;
+  Count keyframes, points, partial_points;
+};
+
+void write_header(const Header& header, Writer* out) {
+  out->bytes(kMagic, kMagicBytes);
+  out->u32(header.version);
+  out->u32(header.flags);
+  out->u64(header.bytes);
+  const CameraModel& camera = header.camera;
+  out->u32(static_cast<uint32_t>(camera.width));
+  out->u32(static_cast<uint32_t>(camera.height));
+  for (const float value : {camera.fx, camera.fy, camera.cx, camera.cy}) out->f32(value);
+  out->u32(static_cast<uint32_t>(camera.distortion));
+  for (const float value : camera.coeffs) out->f32(value);
+  out->u32(static_cast<uint32_t>(header.shutter.axis));
+  out->f32(header.shutter.line_time_s);
+  out->u32(header.next_id);
+  for (const Count& counted : {header.keyframes, header.points, header.partial_points}) {
+    out->u32(counted.slots);
+    out->u32(counted.entries);
+  }
+}
+
+enum class Checksum { kCheck, kChecked };
+
+// The header and the checksum of the whole.
+Status read_header(std::span<const std::byte> file, Checksum checksum, Header* header) {
+  if (file.size() < kMagicBytes || std::memcmp(file.data(), kMagic, kMagicBytes) != 0)
+    return refused("this is not a map saved by Pocket PTAM");
+  Reader in(file.subspan(kMagicBytes));
+  header->version = in.u32();
+  header->flags = in.u32();
+  if (in.failed() || file.size() < kHeaderBytes + kCrcBytes)
+    return refused("the map is cut off within its header: take another copy of the file");
+  if (header->version != kVersion)
+    return refused("the map has a version that this program does not know: use the program that saved it");
+  header->bytes = in.u64();
+  if (file.size() < header->bytes) return refused("the map is cut off: take another copy of the file");
+  if (file.size() > header->bytes)
+    return refused("the file is longer than the map that it begins with: take another copy of it");
+  const std::span<const std::byte> checked = file.first(file.size() - kCrcBytes);
+  if (checksum == Checksum::kCheck && Reader(file.last(kCrcBytes)).u32() != crc32(checked))
+    return refused("the map's checksum is wrong, the file is damaged: take another copy of it");
+  if (header->flags != 0) return refused("the map's header has flags that this program does not know");
+  CameraModel& camera = header->camera;
+  const uint32_t width = in.u32(), height = in.u32();
+  for (float* value : {&camera.fx, &camera.fy, &camera.cx, &camera.cy}) *value = in.f32();
+  const uint32_t distortion = in.u32();
+  for (float& value : camera.coeffs) value = in.f32();
+  const uint32_t axis = in.u32();
+  header->shutter.line_time_s = in.f32();
+  header->next_id = in.u32();
+  for (Count* counted : {&header->keyframes, &header->points, &header->partial_points}) {
+    counted->slots = in.u32();
+    counted->entries = in.u32();
+  }
+  if (width > INT16_MAX || height > INT16_MAX || distortion > static_cast<uint32_t>(Distortion::kEquidistant) ||
+      axis > static_cast<uint32_t>(RollingShutter::Axis::kColumns) || !within(header->shutter.line_time_s, -1, 1))
+    return refused("the map's camera is nonsense");
+  camera.width = static_cast<int>(width);
+  camera.height = static_cast<int>(height);
+  camera.distortion = static_cast<Distortion>(distortion);
+  header->shutter.axis = static_cast<RollingShutter::Axis>(axis);
+  const Status status = camera.validate();
+  if (!status.ok()) return status;
+  // The counts must be possible before anybody makes room for them.
+  uint64_t least = kHeaderBytes + kCrcBytes;
+  least += header->keyframes.entries * (kKeyframeBytes + uint64_t{width} * height);
+  least += uint64_t{header->points.entries} * kPointBytes;
+  least += uint64_t{header->partial_points.entries} * kPartialBytes;
+  bool possible = least <= header->bytes && header->keyframes.entries > 0 &&
+                  header->keyframes.entries == header->keyframes.slots;  // keyframes leave no slot empty
+  for (const Count& counted : {header->keyframes, header->points, header->partial_points})
+    possible = possible && counted.entries <= counted.slots && counted.slots <= INT16_MAX;
+  if (!possible) return refused("the map's counts do not fit its size");
+  return {};
+}
+
+// To the bit, as everything in a file: -0 is not 0.
+bool same(float a, float b) {
+  return std::bit_cast<uint32_t>(a) == std::bit_cast<uint32_t>(b);
+}
+bool same(const CameraModel& a, const CameraModel& b) {
+  bool equal = same(a.fx, b.fx) && same(a.fy, b.fy) && same(a.cx, b.cx) && same(a.cy, b.cy);
+  for (size_t i = 0; i < std::size(a.coeffs); ++i) equal = equal && same(a.coeffs[i], b.coeffs[i]);
+  return equal && a.distortion == b.distortion;
+}
+
+Status check_fit(const Header& header, const Config& config) {
+  const CameraModel &made = header.camera, &given = config.camera;
+  if (made.width != given.width || made.height != given.height)
+    return refused("the map was made with images of another size than Config::camera's");
+  if (!same(made, given))
+    return refused(
+        "the map was made with another camera: focal length, principal point or distortion differ from "
+        "Config::camera");
+  if (!same(header.shutter.line_time_s, config.shutter.line_time_s) || header.shutter.axis != config.shutter.axis)
+    return refused("the map was made with another rolling shutter than Config::shutter");
+  if (static_cast<int>(header.keyframes.slots) > config.max_keyframes)
+    return refused("the map has more keyframes than Config::max_keyframes: raise it");
+  if (static_cast<int>(header.points.slots) > config.max_map_points)
+    return refused("the map has more map points than Config::max_map_points: raise it");
+  if (static_cast<int>(header.partial_points.slots) > config.max_partial_points)
+    return refused("the map has more partial points than Config::max_partial_points: raise it");
+  return {};
+}
+
+void write_source(const PatchSource& source, Writer* out) {
+  out->u32(static_cast<uint32_t>(source.keyframe));
+  out->vector(source.px);
+  out->vector(source.normal);
+}
+
+void write_keyframe(int slot, const Keyframe& keyframe, Writer* out) {
+  out->u32(static_cast<uint32_t>(slot));
+  out->u32(keyframe.id);
+  out->u32(0);
+  out->u64(static_cast<uint64_t>(keyframe.timestamp_ns));
+  for (int i = 0; i < 9; ++i) out->f32(keyframe.T_kw.R(i / 3, i % 3));
+  out->vector(keyframe.T_kw.t);
+  out->vector(keyframe.velocity);
+  out->vector(keyframe.velocity_prior);
+  out->f32(keyframe.mean_depth);
+  const GreyView& image = keyframe.pyramid.level[0];
+  for (int y = 0; y < image.height; ++y) out->bytes(image.row(y), static_cast<size_t>(image.width));
+}
+
+void write_point(int slot, const MapPoint& point, Writer* out) {
+  out->u32(static_cast<uint32_t>(slot));
+  out->u32(point.id);
+  out->vector(point.p_w);
+  write_source(point.source, out);
+  out->u16(point.attempts);
+  out->u16(point.found);
+  out->u32(static_cast<uint32_t>(point.measurements.size()));
+  for (const Measurement& m : point.measurements) {
+    out->u32(static_cast<uint32_t>(m.keyframe));
+    out->vector(m.px);
+    out->f32(m.sigma);
+  }
+}
+
+void write_partial_point(int slot, const PartialPoint& partial, Writer* out) {
+  out->u32(static_cast<uint32_t>(slot));
+  out->u32(partial.id);
+  write_source(partial.source, out);
+  out->f32(partial.inverse_depth);
+  out->f32(partial.information);
+  out->u16(partial.attempts);
+  out->u16(partial.found);
+}
+
+template <class Slots, class Write>
+void write_entries(const Slots& slots, Write&& write, Writer* out) {
+  for (int i = 0; i < slots.size(); ++i)
+    if (slots[i].id != 0) write(i, slots[i], out);
+}
+
+Header header_of(const Map& map, const Config& config, uint64_t bytes) {
+  Header header;
+  header.version = kVersion;
+  header.bytes = bytes;
+  header.camera = config.camera;
+  header.shutter = config.shutter;
+  header.next_id = map.next_id;
+  header.keyframes = count(map.keyframes);
+  header.points = count(map.points);
+  header.partial_points = count(map.partial_points);
+  return header;
+}
+
+size_t write(const Map& map, const Config& config, uint64_t bytes, std::span<std::byte> out) {
+  Writer writer(out);
+  write_header(header_of(map, config, bytes), &writer);
+  write_entries(map.keyframes, write_keyframe, &writer);
+  write_entries(map.points, write_point, &writer);
+  write_entries(map.partial_points, write_partial_point, &writer);
+  writer.u32(out.empty() ? 0 : crc32(out.first(writer.used())));
+  return writer.used();
+}
+
+// Reads all that follows the header, and checks it; puts it into a map when there is one.
+class Body {
+ public:
+  Body(std::span<const std::byte> file, const Header& header, const Config& config)
+      : in_(file.subspan(kHeaderBytes, file.size() - kHeaderBytes - kCrcBytes)), header_(header), config_(config) {}
+
+  Status read(Map* map_or_null) {
+    map_ = map_or_null;
+    if (map_) map_->keyframes.resize(static_cast<int>(header_.keyframes.slots));
+    Status status = read_entries(header_.keyframes, &Body::read_keyframe);
+    if (status.ok()) status = read_entries(header_.points, &Body::read_point);
+    if (status.ok()) status = read_entries(header_.partial_points, &Body::read_partial_point);
+    if (!status.ok()) return status;
+    if (in_.failed() || in_.left() != 0) return refused("the map's entries do not fill the file");
+    return {};
+  }
+
+ private:
+  Status read_entries(const Count& counted, Status (Body::*read_one)(int slot, uint32_t id)) {
+    int64_t last_slot = -1;
+    for (uint32_t i = 0; i < counted.entries; ++i) {
+      const uint32_t slot = in_.u32(), id = in_.u32();
+      if (in_.failed() || slot <= last_slot || slot >= counted.slots)
+        return refused("the map's entries are not in the order of their slots");
+      if (id == 0 || id >= header_.next_id) return refused("the map has an entry with an impossible id");
+      last_slot = slot;
+      const Status status = (this->*read_one)(static_cast<int>(slot), id);
+      if (!status.ok()) return status;
+    }
+    if (last_slot + 1 != counted.slots) return refused("the map has more slots than its last entry needs");
+    return {};
+  }
+
+  bool has_keyframe(uint32_t slot) const { return slot < header_.keyframes.slots && present_[slot]; }
+
+  bool read_px(Vector2f* px) {
+    in_.vector(px);
+    return config_.camera.in_image(*px, 0);  // false for NaN
+  }
+
+  Status read_source(PatchSource* source) {
+    const uint32_t keyframe = in_.u32();
+    if (!has_keyframe(keyframe)) return refused("a point of the map comes from a keyframe that is not there");
+    source->keyframe = static_cast<int16_t>(keyframe);
+    const bool inside = read_px(&source->px);
+    in_.vector(&source->normal);
+    if (!inside) return refused("a point of the map comes from outside its keyframe's image");
+    if (!small_enough(source->normal) || !(std::abs(source->normal.squaredNorm() - 1) < kUnitTolerance))
+      return refused("a point of the map has a normal that is not of unit length");
+    return {};
+  }
+
+  Status read_keyframe(int slot, uint32_t id) {
+    const uint32_t flags = in_.u32();
+    const int64_t timestamp_ns = static_cast<int64_t>(in_.u64());
+    SE3 T_kw;
+    for (int i = 0; i < 9; ++i) T_kw.R(i / 3, i % 3) = in_.f32();
+    in_.vector(&T_kw.t);
+    Vector6f velocity, velocity_prior;
+    in_.vector(&velocity);
+    in_.vector(&velocity_prior);
+    const float mean_depth = in_.f32();
+    const CameraModel& camera = header_.camera;
+    const auto pixels = in_.bytes(static_cast<size_t>(camera.width) * static_cast<size_t>(camera.height));
+    if (in_.failed()) return refused("the map's entries do not fill the file");
+    if (flags != 0) return refused("a keyframe of the map has flags that this program does not know");
+    if (!is_rotation(T_kw.R)) return refused("a keyframe of the map has a rotation that is none");
+    if (!small_enough(T_kw.t) || !small_enough(velocity) || !small_enough(velocity_prior))
+      return refused("a keyframe of the map has a position or velocity that is not a usable number");
+    if (!within(mean_depth, kLeastDepth, kLargest))
+      return refused("a keyframe of the map has a mean depth that is not a usable number");
+    present_[static_cast<size_t>(slot)] = true;
+    if (!map_) return {};
+    Keyframe& keyframe = map_->keyframes[slot];
+    keyframe.id = id;
+    keyframe.timestamp_ns = timestamp_ns;
+    keyframe.T_kw = T_kw;
+    keyframe.velocity = velocity;
+    keyframe.velocity_prior = velocity_prior;
+    keyframe.mean_depth = mean_depth;
+    const GreyImage& image = keyframe.storage.level[0];
+    for (int y = 0; y < image.height; ++y)
+      std::memcpy(image.row(y), pixels.data() + static_cast<size_t>(y) * static_cast<size_t>(image.width),
+                  static_cast<size_t>(image.width));
+    keyframe.pyramid = build_pyramid(image, keyframe.storage);
+    make_small_image(keyframe.pyramid, keyframe.small);
+    return {};
+  }
+
+  Status read_point(int slot, uint32_t id) {
+    MapPoint point;
+    point.id = id;
+    in_.vector(&point.p_w);
+    const Status status = read_source(&point.source);
+    if (!status.ok()) return status;
+    point.attempts = in_.u16();
+    point.found = in_.u16();
+    const uint32_t measurements = in_.u32();
+    if (!small_enough(point.p_w)) return refused("a map point's position is not a usable number");
+    if (point.found > point.attempts) return refused("a map point was found more often than searched");
+    if (measurements < 2 || measurements > kMaxMeasurements)
+      return refused("a map point has less than two or more than eight measurements");
+    for (uint32_t i = 0; i < measurements; ++i) {
+      Measurement m;
+      const uint32_t keyframe = in_.u32();
+      const bool inside = read_px(&m.px);
+      m.sigma = in_.f32();
+      if (!has_keyframe(keyframe)) return refused("a map point was measured in a keyframe that is not there");
+      m.keyframe = static_cast<int16_t>(keyframe);
+      if (!inside) return refused("a map point was measured outside of the image");
+      if (!within(m.sigma, 1, kLargestSigma_px)) return refused("a measurement's sigma is not within 1 to 16 pixels");
+      for (const Measurement& other : point.measurements)
+        if (other.keyframe == m.keyframe) return refused("a map point was measured twice in one keyframe");
+      point.measurements.push_back(m);
+    }
+    if (map_) map_->points[slot] = point;
+    return {};
+  }
+
+  Status read_partial_point(int slot, uint32_t id) {
+    PartialPoint partial;
+    partial.id = id;
+    const Status status = read_source(&partial.source);
+    if (!status.ok()) return status;
+    partial.inverse_depth = in_.f32();
+    partial.information = in_.f32();
+    partial.attempts = in_.u16();
+    partial.found = in_.u16();
+    if (!within(partial.inverse_depth, kLeastDepth, kLargest) || !within(partial.information, 0, kMostInformation))
+      return refused("a partial point's depth is not a usable number");
+    if (partial.found > partial.attempts) return refused("a partial point was found more often than searched");
+    const Vector2f ray = config_.camera.unproject(partial.source.px);
+    partial.ray = {ray.x(), ray.y(), 1.0f};
+    if (map_) map_->partial_points[slot] = partial;
+    return {};
+  }
+
+  Reader in_;
+  const Header& header_;
+  const Config& config_;
+  Map* map_ = nullptr;
+  std::array<bool, kMostKeyframes> present_ = {};
+};
+
+}  // namespace
+
+uint32_t crc32(std::span<const std::byte> bytes) {
+  uint32_t crc = 0xFFFFFFFFu;
+  for (const std::byte byte : bytes) crc = (crc >> 8) ^ kCrcTable[(crc ^ static_cast<uint32_t>(byte)) & 0xFF];
+  return ~crc;
+}
+
+size_t map_file_bytes(const Map& map, const Config& config) {
+  return write(map, config, 0, {});
+}
+
+void write_map_file(const Map& map, const Config& config, std::span<std::byte> out) {
+  const size_t bytes = write(map, config, out.size(), out);
+  PPTAM_ASSERT(bytes == out.size());
+  (void)bytes;
+}
+
+Status read_map_info(std::span<const std::byte> file, MapInfo* info) {
+  Header header;
+  const Status status = read_header(file, Checksum::kCheck, &header);
+  if (!status.ok()) return status;
+  info->version = static_cast<int>(header.version);
+  info->camera = header.camera;
+  info->shutter = header.shutter;
+  info->keyframes = static_cast<int>(header.keyframes.entries);
+  info->map_points = static_cast<int>(header.points.entries);
+  info->partial_points = static_cast<int>(header.partial_points.entries);
+  info->min_keyframes = static_cast<int>(header.keyframes.slots);
+  info->min_map_points = static_cast<int>(header.points.slots);
+  info->min_partial_points = static_cast<int>(header.partial_points.slots);
+  return {};
+}
+
+Status check_map_file(std::span<const std::byte> file, const Config& config) {
+  Header header;
+  Status status = read_header(file, Checksum::kCheck, &header);
+  if (status.ok()) status = check_fit(header, config);
+  if (status.ok()) status = Body(file, header, config).read(nullptr);
+  return status;
+}
+
+void read_map_file(std::span<const std::byte> file, const Config& config, Map& map) {
+  Header header;
+  Status status = read_header(file, Checksum::kChecked, &header);
+  if (status.ok()) status = Body(file, header, config).read(&map);
+  PPTAM_ASSERT(status.ok());
+  map.next_id = header.next_id;
+  map.ready = true;
+}
+
+}  // namespace pptam

@@ -1,0 +1,245 @@
+#include "platform/app/map_command.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <map>
+#include <utility>
+
+#include "platform/app/console.h"
+#include "platform/app/report.h"
+#include "platform/camera.h"
+#include "platform/camera/image_files.h"
+#include "platform/files.h"
+
+namespace pptam::app {
+namespace {
+
+using platform::InputError;
+
+constexpr size_t kLargestMapFile = size_t{1} << 30;
+
+void write_text(const std::filesystem::path& file, const std::string& text) {
+  platform::write_atomically(file, std::as_bytes(std::span(text)));
+}
+
+void make_folder(const std::filesystem::path& folder) {
+  std::error_code error;
+  std::filesystem::create_directories(folder, error);
+  if (error) throw InputError(folder.string() + ": cannot be made: " + error.message());
+}
+
+// A map that was read from a file, inside a System of its own.
+class LoadedMap {
+ public:
+  explicit LoadedMap(const std::filesystem::path& file) : bytes_(read_map_file(file)) {
+    const auto require = [&](const Status& status) {
+      if (!status.ok()) throw InputError(file.string() + ": " + status.message());
+    };
+    require(System::map_info(bytes_, &info_));
+    Config config = Config::phone(info_.camera);
+    config.shutter = info_.shutter;
+    config.max_keyframes = std::max(config.max_keyframes, info_.min_keyframes);
+    config.max_map_points = std::max(config.max_map_points, info_.min_map_points);
+    config.max_partial_points = std::max(config.max_partial_points, info_.min_partial_points);
+    require(config.validate());
+    const size_t needed = System::required_bytes(config);
+    memory_.resize((needed + sizeof(std::max_align_t) - 1) / sizeof(std::max_align_t));
+    require(System::create(config, std::as_writable_bytes(std::span(memory_)), &system_));
+    require(system_->load_map(bytes_));
+    keyframes_.resize(static_cast<size_t>(system_->keyframes({})));
+    system_->keyframes(keyframes_);
+    points_.resize(static_cast<size_t>(system_->map_points({})));
+    system_->map_points(points_);
+    measurements_.resize(static_cast<size_t>(system_->measurements({})));
+    system_->measurements(measurements_);
+  }
+
+  size_t bytes() const { return bytes_.size(); }
+  const MapInfo& info() const { return info_; }
+  const System& system() const { return *system_; }
+  const std::vector<KeyframeInfo>& keyframes() const { return keyframes_; }
+  const std::vector<MapPointInfo>& points() const { return points_; }
+  const std::vector<MeasurementInfo>& measurements() const { return measurements_; }
+
+ private:
+  std::vector<std::byte> bytes_;
+  MapInfo info_;
+  std::vector<std::max_align_t> memory_;
+  System* system_ = nullptr;
+  std::vector<KeyframeInfo> keyframes_;
+  std::vector<MapPointInfo> points_;
+  std::vector<MeasurementInfo> measurements_;
+};
+
+const char* name_of(Distortion distortion) {
+  switch (distortion) {
+    case Distortion::kNone:
+      return "no distortion";
+    case Distortion::kFov:
+      return "FOV distortion";
+    case Distortion::kRadTan:
+      return "radial-tangential distortion";
+    case Distortion::kEquidistant:
+      return "equidistant distortion";
+  }
+  return "?";
+}
+
+// The pixel that a global shutter's camera would have shown the point at.
+Vector2f reprojection(const System& system, const KeyframeInfo& keyframe, const MapPointInfo& point) {
+  Vector2f px = Vector2f::Constant(NAN);
+  system.config().camera.project(keyframe.T_cw * point.p_w, &px);
+  return px;
+}
+
+// Distances between measurements and reprojections, level-0 pixels, as the index of LoadedMap::measurements().
+std::vector<float> reprojection_errors(const LoadedMap& map) {
+  std::map<uint32_t, const KeyframeInfo*> keyframes;
+  for (const KeyframeInfo& keyframe : map.keyframes()) keyframes[keyframe.id] = &keyframe;
+  std::map<uint32_t, const MapPointInfo*> points;
+  for (const MapPointInfo& point : map.points()) points[point.id] = &point;
+  std::vector<float> errors;
+  for (const MeasurementInfo& m : map.measurements()) {
+    const Vector2f px = reprojection(map.system(), *keyframes.at(m.keyframe_id), *points.at(m.point_id));
+    const float error = (px - m.global_px).norm();
+    errors.push_back(std::isfinite(error) ? error : INFINITY);
+  }
+  return errors;
+}
+
+// COLMAP's name of the camera model, and its parameters. Its pixel centres are at halves.
+std::string colmap_camera(const CameraModel& camera) {
+  const float* c = camera.coeffs;
+  const std::string size = format(" %d %d", camera.width, camera.height);
+  const std::string pinhole = format(" %.9g %.9g %.9g %.9g", camera.fx, camera.fy, camera.cx + 0.5, camera.cy + 0.5);
+  switch (camera.distortion) {
+    case Distortion::kNone:
+      break;
+    case Distortion::kFov:
+      return "FOV" + size + pinhole + format(" %.9g", c[0]);
+    case Distortion::kRadTan:
+      if (c[4] == 0) return "OPENCV" + size + pinhole + format(" %.9g %.9g %.9g %.9g", c[0], c[1], c[2], c[3]);
+      return "FULL_OPENCV" + size + pinhole + format(" %.9g %.9g %.9g %.9g %.9g 0 0 0", c[0], c[1], c[2], c[3], c[4]);
+    case Distortion::kEquidistant:
+      return "OPENCV_FISHEYE" + size + pinhole + format(" %.9g %.9g %.9g %.9g", c[0], c[1], c[2], c[3]);
+  }
+  return "PINHOLE" + size + pinhole;
+}
+
+std::string image_name(uint32_t keyframe_id) {
+  return format("keyframe_%06u.png", keyframe_id);
+}
+
+// cameras.txt, images.txt and points3D.txt as COLMAP reads them, and the images that they name.
+void write_colmap(const LoadedMap& map, const std::filesystem::path& folder) {
+  make_folder(folder / "images");
+  for (const KeyframeInfo& keyframe : map.keyframes())
+    platform::write_png(folder / "images" / image_name(keyframe.id), map.system().keyframe_image(keyframe.id));
+
+  write_text(folder / "cameras.txt",
+             "# CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]\n1 " + colmap_camera(map.info().camera) + "\n");
+
+  // Observations by image; their places in it are what the tracks refer to.
+  const std::vector<float> errors = reprojection_errors(map);
+  std::map<uint32_t, std::string> observations, tracks;
+  std::map<uint32_t, int> observed;
+  std::map<uint32_t, std::pair<double, int>> point_errors;  // sum, count
+  for (size_t i = 0; i < map.measurements().size(); ++i) {
+    const MeasurementInfo& m = map.measurements()[i];
+    observations[m.keyframe_id] += format("%.4f %.4f %u ", m.global_px.x() + 0.5, m.global_px.y() + 0.5, m.point_id);
+    tracks[m.point_id] += format(" %u %d", m.keyframe_id, observed[m.keyframe_id]++);
+    point_errors[m.point_id].first += static_cast<double>(errors[i]);
+    ++point_errors[m.point_id].second;
+  }
+  std::string images =
+      "# IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME\n# POINTS2D[] as X Y POINT3D_ID: rolling shutter corrected\n";
+  for (const KeyframeInfo& keyframe : map.keyframes()) {
+    const Eigen::Quaterniond q = Eigen::Quaterniond(keyframe.T_cw.R.cast<double>()).normalized();
+    const Vector3f& t = keyframe.T_cw.t;
+    images += format("%u %.9g %.9g %.9g %.9g %.9g %.9g %.9g 1 ", keyframe.id, q.w(), q.x(), q.y(), q.z(), t.x(), t.y(),
+                     t.z()) +
+              image_name(keyframe.id) + "\n" + observations[keyframe.id] + "\n";
+  }
+  write_text(folder / "images.txt", images);
+
+  std::string points = "# POINT3D_ID X Y Z R G B ERROR TRACK[] as IMAGE_ID POINT2D_IDX\n";
+  for (const MapPointInfo& point : map.points()) {
+    const auto& [sum, count] = point_errors[point.id];
+    points += format("%u %.9g %.9g %.9g %d %d %d %.4f", point.id, point.p_w.x(), point.p_w.y(), point.p_w.z(),
+                     point.grey, point.grey, point.grey, count > 0 ? sum / count : 0.0) +
+              tracks[point.id] + "\n";
+  }
+  write_text(folder / "points3D.txt", points);
+}
+
+}  // namespace
+
+std::vector<std::byte> read_map_file(const std::filesystem::path& file) {
+  return platform::read_file(file, kLargestMapFile);
+}
+
+void print_map_info(const std::filesystem::path& file) {
+  const LoadedMap map(file);
+  const MapInfo& info = map.info();
+  const CameraModel& camera = info.camera;
+  const RollingShutter& shutter = info.shutter;
+  const bool columns = shutter.axis == RollingShutter::Axis::kColumns;
+  std::vector<SummaryRow> rows;
+  rows.push_back({"map", format("version %d, %zu bytes, checksum and contents good", info.version, map.bytes())});
+  rows.push_back({"camera", format("%dx%d, fx %.6g, fy %.6g, cx %.6g, cy %.6g, %s", camera.width, camera.height,
+                                   camera.fx, camera.fy, camera.cx, camera.cy, name_of(camera.distortion))});
+  rows.push_back(
+      {"shutter", shutter.line_time_s == 0
+                      ? std::string("global")
+                      : format("%s:%c:%.6g", columns ? "columns" : "rows", shutter.line_time_s > 0 ? '+' : '-',
+                               std::abs(shutter.line_time_s) * (columns ? camera.width : camera.height))});
+  rows.push_back({"keyframes", format("%d", info.keyframes)});
+  Eigen::AlignedBox3f box;
+  for (const MapPointInfo& point : map.points()) box.extend(point.p_w);
+  std::string extent;
+  if (!box.isEmpty())
+    extent = format(", within %.3g x %.3g x %.3g units", box.sizes().x(), box.sizes().y(), box.sizes().z());
+  rows.push_back({"points", format("%d, measured %zu times", info.map_points, map.measurements().size()) + extent +
+                                format("; %d of unknown depth", info.partial_points)});
+  std::vector<float> errors = reprojection_errors(map);
+  if (!errors.empty()) {
+    const auto middle = errors.begin() + static_cast<ptrdiff_t>(errors.size() / 2);
+    std::nth_element(errors.begin(), middle, errors.end());
+    rows.push_back({"reprojection", format("%.2f px, median", *middle)});
+  }
+  print_rows(rows);
+}
+
+void export_map(const MapExportOptions& options) {
+  if (options.ply.empty() && options.colmap.empty())
+    throw InputError("map export: nothing to do, give --ply or --colmap; see pocket-ptam map export --help");
+  const LoadedMap map(options.map);
+  if (!options.ply.empty()) {
+    write_ply(options.ply, map.points());
+    std::printf("%zu points written to %s\n", map.points().size(), options.ply.c_str());
+  }
+  if (!options.colmap.empty()) {
+    write_colmap(map, options.colmap);
+    std::printf("%zu images and %zu points written to %s\n", map.keyframes().size(), map.points().size(),
+                options.colmap.c_str());
+  }
+}
+
+void write_ply(const std::filesystem::path& file, std::span<const MapPointInfo> points) {
+  std::string text = format(
+      "ply\nformat ascii 1.0\ncomment map points in world units, z = 0 is the dominant plane\nelement vertex %zu\n"
+      "property float x\nproperty float y\nproperty float z\n"
+      "property float nx\nproperty float ny\nproperty float nz\n"
+      "property uchar red\nproperty uchar green\nproperty uchar blue\nproperty int measurements\nend_header\n",
+      points.size());
+  for (const MapPointInfo& point : points) {
+    const int grey = point.grey;
+    text += format("%.7g %.7g %.7g %.4f %.4f %.4f %d %d %d %d\n", point.p_w.x(), point.p_w.y(), point.p_w.z(),
+                   point.normal_w.x(), point.normal_w.y(), point.normal_w.z(), grey, grey, grey, point.measurements);
+  }
+  write_text(file, text);
+}
+
+}  // namespace pptam::app

@@ -1,0 +1,498 @@
+// Saved maps: what comes back is what was saved, bit by bit; a file that is not whole or not ours is refused, says why,
+// and changes nothing.
+#include "map/map_file.h"
+
+#include <gtest/gtest.h>
+
+#include <bit>
+#include <cmath>
+#include <cstring>
+#include <functional>
+#include <limits>
+#include <memory>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "tests/support/random.h"
+#include "tests/support/small_map.h"
+
+namespace pptam {
+namespace {
+
+using test::repair_checksum;
+using test::small_map_config;
+using test::SmallMap;
+using Bytes = std::vector<std::byte>;
+
+// Offsets as the header of map_file.h has them; images are 97x81.
+constexpr size_t kHeader = 108, kImage = 97 * 81, kKeyframe = 120 + kImage;
+constexpr size_t kFirstPoint = kHeader + 3 * kKeyframe;
+
+// A System with its memory.
+class Phone {
+ public:
+  explicit Phone(const Config& config)
+      : memory_(new std::max_align_t[System::required_bytes(config) / sizeof(std::max_align_t) + 1]) {
+    const Status status =
+        System::create(config, {reinterpret_cast<std::byte*>(memory_.get()), System::required_bytes(config)}, &system_);
+    if (!status.ok()) ADD_FAILURE() << status.message();
+  }
+  System* operator->() { return system_; }
+  Bytes saved() {
+    Bytes bytes(system_->map_bytes());
+    size_t used = 0;
+    const Status status = system_->save_map(bytes, &used);
+    EXPECT_TRUE(status.ok()) << status.message();
+    EXPECT_EQ(used, bytes.size());
+    return bytes;
+  }
+
+ private:
+  std::unique_ptr<std::max_align_t[]> memory_;
+  System* system_ = nullptr;
+};
+
+void put_u32(Bytes* file, size_t at, uint32_t value) {
+  for (size_t i = 0; i < 4; ++i) (*file)[at + i] = static_cast<std::byte>(value >> (8 * i));
+}
+void put_u16(Bytes* file, size_t at, uint16_t value) {
+  for (size_t i = 0; i < 2; ++i) (*file)[at + i] = static_cast<std::byte>(value >> (8 * i));
+}
+void put_f32(Bytes* file, size_t at, float value) {
+  put_u32(file, at, std::bit_cast<uint32_t>(value));
+}
+void cut(Bytes* file, size_t size) {
+  if (size < file->size()) file->erase(file->begin() + static_cast<ptrdiff_t>(size), file->end());
+}
+uint32_t get_u32(const Bytes& file, size_t at) {
+  uint32_t value = 0;
+  for (size_t i = 0; i < 4; ++i) value |= static_cast<uint32_t>(file[at + i]) << (8 * i);
+  return value;
+}
+
+TEST(MapFile, ChecksumIsThatOfZipAndPng) {
+  const char digits[] = "123456789";
+  EXPECT_EQ(crc32(std::as_bytes(std::span(digits, 9))), 0xCBF43926u);
+  EXPECT_EQ(crc32({}), 0u);
+  EXPECT_NE(crc32(std::as_bytes(std::span(digits, 8))), 0xCBF43926u);
+}
+
+TEST(MapFile, LoadedIsWhatWasSaved) {
+  test::Random random;
+  Config roomy = small_map_config();  // larger capacities than it was saved with
+  roomy.max_keyframes = 9;
+  roomy.max_map_points = 300;
+  for (int trial = 0; trial < 20; ++trial) {
+    const SmallMap original(random.seed() + static_cast<uint64_t>(trial));
+    const Bytes file = original.file();
+    SmallMap other(random.seed() + 1000);  // whatever was there before
+    other.map.clear();
+    const Status status = check_map_file(file, other.config);
+    ASSERT_TRUE(status.ok()) << status.message();
+    read_map_file(file, other.config, other.map);
+    EXPECT_EQ(other.map.hash(), original.map.hash());
+    EXPECT_EQ(other.file(), file);
+    EXPECT_TRUE(other.map.ready);
+    EXPECT_EQ(other.map.next_id, original.map.next_id);
+    ASSERT_EQ(other.map.keyframes.size(), original.map.keyframes.size());
+    for (int k = 0; k < other.map.keyframes.size(); ++k) {
+      const Keyframe &a = original.map.keyframes[k], &b = other.map.keyframes[k];
+      EXPECT_EQ(a.id, b.id);
+      EXPECT_EQ(a.timestamp_ns, b.timestamp_ns);
+      for (int l = 0; l < kPyramidLevels; ++l)
+        for (int y = 0; y < a.pyramid.level[l].height; ++y)
+          EXPECT_EQ(std::memcmp(a.pyramid.level[l].row(y), b.pyramid.level[l].row(y),
+                                static_cast<size_t>(a.pyramid.level[l].width)),
+                    0);
+      for (int y = 0; y < a.small.height; ++y)
+        EXPECT_EQ(std::memcmp(a.small.row(y), b.small.row(y), static_cast<size_t>(a.small.width)), 0);
+    }
+    for (int i = 0; i < original.map.points.size(); ++i)
+      EXPECT_EQ(other.map.points[i].id, original.map.points[i].id) << "slots stay, slot " << i;
+    for (int i = 0; i < original.map.partial_points.size(); ++i) {
+      const PartialPoint &a = original.map.partial_points[i], &b = other.map.partial_points[i];
+      EXPECT_EQ(b.id, a.id);
+      EXPECT_TRUE(a.id == 0 || b.ray == a.ray);
+    }
+
+    for (const Config& config : {original.config, roomy}) {
+      Phone phone(config);
+      EXPECT_EQ(phone->map_bytes(), 0u);
+      ASSERT_TRUE(phone->load_map(file).ok());
+      EXPECT_EQ(phone->map_hash(), original.map.hash());
+      EXPECT_EQ(phone.saved(), file);
+      EXPECT_TRUE(phone->has_work()) << "a bundle adjustment";
+    }
+  }
+}
+
+// One number on every target. A change of the format changes it, and needs another version.
+TEST(MapFile, BytesAreTheSameOnEveryTarget) {
+  const Bytes file = SmallMap(1).file();
+  EXPECT_EQ(file.size(), 29591u);
+  const auto checksum = [](const Bytes& bytes) { return get_u32(bytes, bytes.size() - 4); };
+  EXPECT_EQ(checksum(file), 0xD2D88D80u);
+  EXPECT_NE(checksum(SmallMap(2).file()), checksum(file));
+}
+
+TEST(MapFile, LayoutIsAsWritten) {
+  const SmallMap original(1);
+  const Bytes file = original.file();
+  EXPECT_EQ(std::memcmp(file.data(), "PPTAMMAP", 8), 0);
+  EXPECT_EQ(get_u32(file, 8), 1u);
+  EXPECT_EQ(get_u32(file, 16), file.size());
+  EXPECT_EQ(get_u32(file, 24), 97u);
+  EXPECT_EQ(get_u32(file, 28), 81u);
+  EXPECT_EQ(get_u32(file, 80), original.map.next_id);
+  EXPECT_EQ(get_u32(file, kHeader + 4), original.map.keyframes[0].id);
+  EXPECT_EQ(file[kHeader + 120 + 5], static_cast<std::byte>(original.map.keyframes[0].pyramid.level[0].at(5, 0)));
+  EXPECT_EQ(get_u32(file, kFirstPoint), 1u) << "slot 0 is empty";
+  EXPECT_EQ(get_u32(file, kFirstPoint + 4), original.map.points[1].id);
+  size_t expected = kFirstPoint + 4;
+  for (const MapPoint& point : original.map.points)
+    if (point.id != 0) expected += 52 + 16 * static_cast<size_t>(point.measurements.size());
+  for (const PartialPoint& partial : original.map.partial_points) expected += partial.id != 0 ? 44 : 0;
+  EXPECT_EQ(file.size(), expected);
+
+  MapInfo info;
+  ASSERT_TRUE(read_map_info(file, &info).ok());
+  EXPECT_EQ(info.version, 1);
+  EXPECT_EQ(info.keyframes, 3);
+  EXPECT_EQ(info.map_points, 56);
+  EXPECT_EQ(info.min_map_points, 59);
+  EXPECT_EQ(info.partial_points, 9);
+  EXPECT_EQ(info.min_partial_points, 10);
+}
+
+// Everything that can be wrong in a file, with what the message must say. The untouched file is accepted, so that each
+// is refused for its own fault.
+TEST(MapFile, EveryFaultIsNamed) {
+  const SmallMap original(1);
+  const Bytes good = original.file();
+  const float nan = std::numeric_limits<float>::quiet_NaN(), inf = std::numeric_limits<float>::infinity();
+  const size_t point = kFirstPoint, measurement = point + 52;
+  size_t partial = good.size() - 4 - 9 * 44;
+  const auto f32 = [](size_t at, float value) { return [=](Bytes* file) { put_f32(file, at, value); }; };
+  const auto u32 = [](size_t at, uint32_t value) { return [=](Bytes* file) { put_u32(file, at, value); }; };
+  const auto u16 = [](size_t at, uint16_t value) { return [=](Bytes* file) { put_u16(file, at, value); }; };
+  const struct {
+    const char* says;
+    std::function<void(Bytes*)> harm;
+    bool repaired = true;
+  } kFaults[] = {
+      {"not a map", [](Bytes* file) { file->clear(); }, false},
+      {"not a map", [](Bytes* file) { cut(file, 7); }, false},
+      {"not a map", [](Bytes* file) { (*file)[3] ^= std::byte{1}; }},
+      {"cut off within its header", [](Bytes* file) { cut(file, 9); }, false},
+      {"cut off within its header", [](Bytes* file) { cut(file, kHeader + 3); }, false},
+      {"cut off:", [](Bytes* file) { file->pop_back(); }, false},
+      {"cut off:", [](Bytes* file) { cut(file, kFirstPoint); }},
+      {"longer", [](Bytes* file) { file->push_back(std::byte{0}); }, false},
+      {"checksum", [](Bytes* file) { (*file)[5000] ^= std::byte{4}; }, false},
+      {"checksum", [](Bytes* file) { file->back() ^= std::byte{128}; }, false},
+      {"version", u32(8, 2)},
+      {"version", u32(8, 0)},
+      {"flags", u32(12, 1)},
+      {"counts", u32(88, 0)},           // keyframes
+      {"counts", u32(88, 4)},           // more than slots
+      {"counts", u32(84, 4)},           // a slot is empty
+      {"counts", u32(96, 0x40000000)},  // points
+      {"counts", u32(92, 0xffffffff)},
+      {"counts", u32(104, 11)},
+      {"camera is nonsense", u32(24, 0x80000061)},
+      {"camera is nonsense", u32(48, 9)},
+      {"camera is nonsense", u32(72, 2)},
+      {"camera is nonsense", f32(76, nan)},
+      {"principal point", f32(40, -5)},
+      {"focal length", f32(32, 101)},
+      {"rolling shutter", f32(76, 0.0005f)},
+      {"rolling shutter", u32(72, 0)},
+      {"size", u32(24, 96)},
+      {"slots", u32(kHeader, 1)},  // order
+      {"slots", u32(kHeader + kKeyframe, 0)},
+      {"slots", u32(kHeader + 2 * kKeyframe, 3)},
+      {"slots", u32(92, 60)},  // one more than used
+      {"impossible id", u32(kHeader + 4, 0)},
+      {"impossible id", u32(80, original.map.keyframes[1].id)},  // next_id
+      {"keyframe of the map has flags", u32(kHeader + 8, 1)},
+      {"rotation", f32(kHeader + 20, nan)},
+      {"rotation", f32(kHeader + 20, 1.01f)},
+      {"rotation", f32(kHeader + 24, 1e30f)},
+      {"rotation",
+       [](Bytes* file) {  // mirrored
+         for (size_t at = kHeader + 20; at < kHeader + 56; at += 4)
+           put_f32(file, at, -std::bit_cast<float>(get_u32(*file, at)));
+       }},
+      {"position or velocity", f32(kHeader + 56, inf)},
+      {"position or velocity", f32(kHeader + 56, 2e8f)},
+      {"position or velocity", f32(kHeader + 68, nan)},
+      {"position or velocity", f32(kHeader + 92, -inf)},
+      {"mean depth", f32(kHeader + 116, 0)},
+      {"mean depth", f32(kHeader + 116, nan)},
+      {"mean depth", f32(kHeader + 116, -1)},
+      {"position is not", f32(point + 8, nan)},
+      {"position is not", f32(point + 16, 1e9f)},
+      {"comes from a keyframe that is not there", u32(point + 20, 3)},
+      {"comes from a keyframe that is not there", u32(point + 20, 0xffffffff)},
+      {"comes from outside", f32(point + 24, -1)},
+      {"comes from outside", f32(point + 28, 81)},
+      {"comes from outside", f32(point + 28, nan)},
+      {"unit length", f32(point + 32, 5)},
+      {"unit length", f32(point + 32, nan)},
+      {"found more often", u16(point + 46, 0xffff)},
+      {"less than two", u32(point + 48, 1)},
+      {"less than two", u32(point + 48, 9)},
+      {"less than two", u32(point + 48, 0xffffffff)},
+      {"measured in a keyframe that is not there", u32(measurement, 3)},
+      {"measured in a keyframe that is not there", u32(measurement, 0x10000)},
+      {"measured outside", f32(measurement + 4, 97)},
+      {"measured outside", f32(measurement + 8, nan)},
+      {"sigma", f32(measurement + 12, 0)},
+      {"sigma", f32(measurement + 12, nan)},
+      {"sigma", f32(measurement + 12, 32)},
+      {"twice", [&](Bytes* file) { put_u32(file, measurement + 16, get_u32(*file, measurement)); }},
+      {"comes from a keyframe that is not there", u32(partial + 8, 7)},
+      {"comes from outside", f32(partial + 12, inf)},
+      {"partial point's depth", f32(partial + 32, 0)},
+      {"partial point's depth", f32(partial + 32, nan)},
+      {"partial point's depth", f32(partial + 36, -1)},
+      {"partial point's depth", f32(partial + 36, inf)},
+      {"found more often", u16(partial + 42, 100)},
+      {"do not fill",
+       [](Bytes* file) {  // four bytes more than its entries
+         file->insert(file->end() - 4, 4, std::byte{0});
+         put_u32(file, 16, static_cast<uint32_t>(file->size()));
+       }},
+  };
+  Phone phone(original.config);
+  const SmallMap running(2);
+  ASSERT_TRUE(phone->load_map(running.file()).ok());
+  const Bytes before = phone.saved();
+  for (const auto& fault : kFaults) {
+    Bytes file = good;
+    fault.harm(&file);
+    if (fault.repaired) repair_checksum(&file);
+    const Status status = phone->load_map(file);
+    const auto index = &fault - kFaults;
+    EXPECT_EQ(status.code(), StatusCode::kInvalidArgument) << index << ": " << fault.says;
+    EXPECT_NE(std::string(status.message()).find(fault.says), std::string::npos)
+        << index << ": " << fault.says << ", said: " << status.message();
+    EXPECT_EQ(phone.saved(), before) << index << ": " << fault.says;
+  }
+  const Status status = phone->load_map(good);
+  EXPECT_TRUE(status.ok()) << status.message();
+  EXPECT_EQ(phone.saved(), good);
+}
+
+TEST(MapFile, AnotherConfigIsNamedFieldByField) {
+  const Bytes file = SmallMap(1).file();
+  const struct {
+    const char* says;
+    std::function<void(Config*)> change;
+  } kCases[] = {
+      {"size than Config::camera", [](Config* c) { c->camera.width = 98; }},
+      {"another camera", [](Config* c) { c->camera.fx += 1e-4f; }},
+      {"another camera", [](Config* c) { c->camera.cy += 1; }},
+      {"another camera",
+       [](Config* c) {
+         c->camera.distortion = Distortion::kRadTan;
+         c->camera.coeffs[0] = 0.01f;
+       }},
+      {"Config::shutter", [](Config* c) { c->shutter.line_time_s = 0; }},
+      {"Config::shutter", [](Config* c) { c->shutter.axis = RollingShutter::Axis::kRows; }},
+      {"Config::max_partial_points", [](Config* c) { c->max_partial_points = 9; }},
+  };
+  for (const auto& bad : kCases) {
+    Config config = small_map_config();
+    bad.change(&config);
+    Phone phone(config);
+    const Status status = phone->load_map(file);
+    EXPECT_FALSE(status.ok()) << bad.says;
+    EXPECT_NE(std::string(status.message()).find(bad.says), std::string::npos) << bad.says << ": " << status.message();
+    EXPECT_EQ(phone->map_bytes(), 0u);
+    EXPECT_FALSE(phone->has_work());
+  }
+  // The least capacities that Config allows hold this map's keyframes and points: the functions are asked themselves.
+  for (const bool keyframes : {true, false}) {
+    Config config = small_map_config();
+    (keyframes ? config.max_keyframes : config.max_map_points) = keyframes ? 2 : 58;
+    const std::string says = keyframes ? "Config::max_keyframes" : "Config::max_map_points";
+    const Status status = check_map_file(file, config);
+    EXPECT_NE(std::string(status.message()).find(says), std::string::npos) << status.message();
+    ++(keyframes ? config.max_keyframes : config.max_map_points);
+    EXPECT_TRUE(check_map_file(file, config).ok()) << says;
+  }
+  // What does not belong to the map may differ.
+  Config config = small_map_config();
+  config.exposure_s = 0.01f;
+  config.max_measured_points = 100;
+  EXPECT_TRUE(Phone(config)->load_map(file).ok());
+}
+
+TEST(MapFile, NothingIsSavedWithoutAMapOrWithoutRoom) {
+  Phone phone(small_map_config());
+  size_t used = 77;
+  Bytes room(100000);
+  EXPECT_EQ(phone->save_map(room, &used).code(), StatusCode::kInvalidArgument);
+  const Bytes file = SmallMap(3).file();
+  ASSERT_TRUE(phone->load_map(file).ok());
+  EXPECT_EQ(phone->save_map(std::span(room).first(file.size() - 1), &used).code(), StatusCode::kOutOfMemory);
+  EXPECT_EQ(used, 77u);
+  EXPECT_TRUE(phone->save_map(room, &used).ok());
+  EXPECT_EQ(used, file.size());
+  EXPECT_TRUE(std::equal(file.begin(), file.end(), room.begin()));
+  phone->reset();
+  EXPECT_EQ(phone->map_bytes(), 0u);
+}
+
+// One to three changes of every kind that files suffer.
+void mutate(test::Random& random, Bytes* file) {
+  const auto place = [&](size_t room) {
+    // Every other one among the numbers, which are few against the pixels.
+    size_t at = static_cast<size_t>(random.integer(0, static_cast<int>(file->size()) - 1));
+    if (random.integer(0, 1) == 0 && file->size() > kFirstPoint) {
+      const int part = random.integer(0, 3);
+      if (part == 0) at = static_cast<size_t>(random.integer(0, kHeader - 1));
+      if (part == 1)
+        at = kHeader + static_cast<size_t>(random.integer(0, 2)) * kKeyframe +
+             static_cast<size_t>(random.integer(0, 119));
+      if (part >= 2) at = kFirstPoint + static_cast<size_t>(random.integer(0, 1 << 30)) % (file->size() - kFirstPoint);
+    }
+    return file->size() > room ? std::min(at, file->size() - room) : size_t{0};
+  };
+  const float floats[] = {0.0f,
+                          -0.0f,
+                          1.0f,
+                          -1.0f,
+                          1e-38f,
+                          1e38f,
+                          1e7f,
+                          std::numeric_limits<float>::quiet_NaN(),
+                          std::numeric_limits<float>::infinity()};
+  for (int changes = random.integer(1, 3); changes > 0 && file->size() > 8; --changes) {
+    switch (random.integer(0, 7)) {
+      case 0:
+        (*file)[place(1)] ^= static_cast<std::byte>(1 << random.integer(0, 7));
+        break;
+      case 1:
+        (*file)[place(1)] = static_cast<std::byte>(random.integer(0, 255));
+        break;
+      case 2:
+        put_f32(file, place(4) / 4 * 4, floats[random.integer(0, 8)]);
+        break;
+      case 3:
+        put_u32(file, place(4) / 4 * 4, static_cast<uint32_t>(random.integer(-2, 70)));
+        break;
+      case 4: {  // a run of zeros, as after a crash
+        const size_t at = place(1);
+        const size_t end = std::min(file->size(), at + static_cast<size_t>(random.integer(1, 4096)));
+        std::fill(file->begin() + static_cast<ptrdiff_t>(at), file->begin() + static_cast<ptrdiff_t>(end), std::byte{});
+        break;
+      }
+      case 5: {  // a piece of it elsewhere
+        const size_t length = static_cast<size_t>(random.integer(1, 600));
+        const size_t from = place(length), to = place(length);
+        if (file->size() > length) std::memmove(file->data() + to, file->data() + from, length);
+        break;
+      }
+      case 6:
+        cut(file, place(1));
+        break;
+      default:
+        file->insert(file->begin() + static_cast<ptrdiff_t>(place(1)), static_cast<size_t>(random.integer(1, 64)),
+                     static_cast<std::byte>(random.integer(0, 255)));
+    }
+  }
+}
+
+// Damage alone is always found: the checksum finds every change of up to 32 bits in a row, and lets others pass once in
+// 2^32. Damage with the size and the checksum made good is a hostile file: refused, or loaded for exactly what it says;
+// and the system works on, whatever that is.
+TEST(MapFile, MutatedFilesAreRefusedOrLoadedForWhatTheySay) {
+  test::Random random;
+  const SmallMap original(random.seed());
+  const Bytes good = original.file();
+  Phone phone(original.config);
+  ASSERT_TRUE(phone->load_map(good).ok());
+  Bytes current = good;
+  uint64_t hash = phone->map_hash();
+  int64_t now_ns = 0;
+  int refused = 0, hostile_refused = 0, loaded = 0, unchanged = 0, tracked = 0;
+  std::set<std::string> reasons;
+  const int trials = test::trials(10000);
+  for (int trial = 0; trial < trials; ++trial) {
+    Bytes file = good;
+    mutate(random, &file);
+    const bool hostile = trial % 2 == 1;
+    if (hostile && file.size() >= kHeader) {
+      put_u32(&file, 16, static_cast<uint32_t>(file.size()));
+      put_u32(&file, 20, 0);
+      repair_checksum(&file);
+    }
+    const Status status = phone->load_map(file);
+    if (file == good) {
+      ++unchanged;
+      EXPECT_TRUE(status.ok());
+    } else if (!hostile) {
+      EXPECT_FALSE(status.ok()) << trial;
+    }
+    if (status.ok()) {
+      ++loaded;
+      current = file;
+      hash = phone->map_hash();
+      // Frames at the places of the keyframes and elsewhere; mapping besides.
+      for (int i = 0; i < 3; ++i) {
+        const GreyView image = original.map.keyframes[(trial + i) % 3].pyramid.level[0];
+        now_ns += 66666667;
+        const TrackResult result =
+            phone->track({image.data, image.width, image.height, image.stride, PixelFormat::kGrey, now_ns});
+        EXPECT_TRUE(result.status.ok());
+        tracked += result.state == TrackingState::kTracking;
+        if (loaded % 10 == 0)
+          for (int slice = 0; slice < 20; ++slice) phone->work_slice();
+      }
+      ASSERT_TRUE(phone->load_map(file).ok());
+    } else {
+      ++(hostile ? hostile_refused : refused);
+      reasons.insert(status.message());
+    }
+    EXPECT_EQ(phone->map_hash(), hash) << "trial " << trial << (status.ok() ? " loaded" : " refused");
+    if (status.ok() || trial % 10 == 0) {
+      ASSERT_TRUE(phone.saved() == current) << "trial " << trial << (status.ok() ? " loaded" : " refused");
+    }
+  }
+  RecordProperty("refused", refused);
+  RecordProperty("hostile_refused", hostile_refused);
+  RecordProperty("loaded", loaded);
+  std::printf(
+      "%d mutated maps: %d damaged and refused, %d hostile and refused for %zu reasons, %d loaded (%d of them "
+      "unchanged); %d frames tracked\n",
+      trials, refused, hostile_refused, reasons.size(), loaded, unchanged, tracked);
+  EXPECT_EQ(refused + hostile_refused + loaded, trials);
+  // Both happen, or nothing was tested: a mutated pixel is a good map, a mutated index is none.
+  EXPECT_GT(loaded, trials / 20);
+  EXPECT_GT(hostile_refused, trials / 20);
+  EXPECT_GT(reasons.size(), 10u);
+  EXPECT_GT(tracked, 0);
+}
+
+// Every length from nothing to all but a byte.
+TEST(MapFile, EveryTruncationIsRefused) {
+  const SmallMap original(5);
+  const Bytes good = original.file();
+  const size_t step = test::trials(10) == 10 ? 7 : 70;
+  for (size_t length = 0; length < good.size(); length += length < 200 || good.size() - length < 200 ? 1 : step) {
+    EXPECT_FALSE(check_map_file(std::span(good).first(length), original.config).ok()) << length;
+    // The same with a size and a checksum that fit.
+    Bytes file(good.begin(), good.begin() + static_cast<ptrdiff_t>(length));
+    if (length < kHeader + 4) continue;
+    put_u32(&file, 16, static_cast<uint32_t>(length));
+    repair_checksum(&file);
+    EXPECT_FALSE(check_map_file(file, original.config).ok()) << length;
+  }
+  EXPECT_TRUE(check_map_file(good, original.config).ok());
+}
+
+}  // namespace
+}  // namespace pptam
