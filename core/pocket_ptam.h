@@ -37,8 +37,8 @@ struct Config {
   RollingShutter shutter;   // line_time_s = 0: global shutter
   float exposure_s = 0.0f;  // 0: unknown; used to predict motion blur
 
-  // Live keyframes: bundle adjusted, measured by the map's points. Beyond, the least useful one is erased for each new one
-  // [phone 3.3].
+  // Live keyframes: bundle adjusted, measured by the map's points. Beyond, the least useful one is erased for each new
+  // one [phone 3.3].
   int max_keyframes = 35;
   // Erased keyframes that keep their images, for patches and to find the way back; the least useful is forgotten then.
   // Each takes 4/3 bytes a pixel.
@@ -200,11 +200,12 @@ class System {
   // length is not within a millionth to a million times what it was; nothing changes then.
   Status set_length(uint32_t point_a, uint32_t point_b, float length);
 
-  // Copies up to out.size() entries in the order of their ids (keyframes: live ones); returns how many there are in all.
+  // Copies up to out.size() entries in the order of their ids (keyframes: live ones); returns how many there are in
+  // all.
   int keyframes(std::span<KeyframeInfo> out) const;
   MapFit map_fit() const;
-  // Into how many parts the map falls where live keyframes hold together by at least so many common points: 1 for a sound
-  // map, 0 without one. For judging maps, slow.
+  // Into how many parts the map falls where live keyframes hold together by at least so many common points: 1 for a
+  // sound map, 0 without one. For judging maps, slow.
   int map_parts(int common_points) const;
   int map_points(std::span<MapPointInfo> out) const;
 

@@ -6,7 +6,7 @@ namespace pptam {
 
 namespace {
 
-constexpr int kQueueLength = 2;  // the tracker makes at most one keyframe per min_keyframe_interval_s
+constexpr int kQueueLength = 2;             // the tracker makes at most one keyframe per min_keyframe_interval_s
 constexpr float kMinSourceCosSlant = 0.5f;  // between viewing ray and a patch's normal in its new source: 60 degrees
 
 int keyframe_slots(const Config& config) {

@@ -2,9 +2,9 @@
 // over new keyframes. Tracking and mapping meet here and nowhere else.
 //
 // Frames: T_kw takes world to keyframe. Pixels are level 0. Everything has a fixed capacity from Config; entries are
-// addressed by index, which stays valid while the entry exists; empty slots have id 0. Between two slices of mapping the
-// map is consistent: every measurement's keyframe is live, every point has at least two measurements, every patch source
-// exists. Keyframe 0 is the datum: it is live as long as there is a map.
+// addressed by index, which stays valid while the entry exists; empty slots have id 0. Between two slices of mapping
+// the map is consistent: every measurement's keyframe is live, every point has at least two measurements, every patch
+// source exists. Keyframe 0 is the datum: it is live as long as there is a map.
 #pragma once
 
 #include <cstdint>
@@ -57,8 +57,8 @@ struct PartialPoint {
 // A small blurred image for relocalisation and full-frame rotation: level 4 with a 3x3 binomial blur.
 using SmallImage = GreyImage;
 
-// Erased keyframes [phone 3.3, footnote] have no measurements and no place in bundle adjustment. They keep their images,
-// as patch sources and for relocalisation, and their positions, which follow the live keyframe nearest to them.
+// Erased keyframes [phone 3.3, footnote] have no measurements and no place in bundle adjustment. They keep their
+// images, as patch sources and for relocalisation, and their positions, which follow the live keyframe nearest to them.
 struct Keyframe {
   uint32_t id = 0;  // never reused; 0: empty slot
   bool erased = false;
@@ -100,7 +100,7 @@ struct Map {
   Map(Arena& arena, const Config& config);
 
   FixedVector<Keyframe> keyframes;  // slots: max_keyframes live ones, the newcomer that culling judges, erased ones
-  FixedVector<MapPoint> points;  // slots; empty ones have id 0
+  FixedVector<MapPoint> points;     // slots; empty ones have id 0
   FixedVector<PartialPoint> partial_points;
   FixedVector<KeyframeCandidate> queue;  // size is the capacity; the first `queued` are waiting, oldest first
   int queued = 0;
@@ -125,11 +125,11 @@ struct Map {
   int add_point();
   int add_partial_point();
   void remove_point(int index) { points[index] = MapPoint(); }
-  // Moves the candidate's images and state into a new keyframe; its index, or -1 when all slots are taken. The candidate
-  // gets the slot's old storage in exchange.
+  // Moves the candidate's images and state into a new keyframe; its index, or -1 when all slots are taken. The
+  // candidate gets the slot's old storage in exchange.
   int add_keyframe(KeyframeCandidate& candidate);
-  // Live to erased: its measurements go, and with them points that are left with fewer than two; it is anchored, and what
-  // was anchored to it anew. Not the datum.
+  // Live to erased: its measurements go, and with them points that are left with fewer than two; it is anchored, and
+  // what was anchored to it anew. Not the datum.
   void erase_keyframe(int index);
   // Empties the slot of an erased keyframe for good. Points whose patch source it was get another one among the
   // keyframes that measure them; partial points go.

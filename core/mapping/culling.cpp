@@ -9,9 +9,7 @@ namespace {
 // Lower triangle of a symmetric 3x3 matrix.
 struct Symmetric3 {
   float xx = 0, yx = 0, yy = 0, zx = 0, zy = 0, zz = 0;
-  float determinant() const {
-    return xx * (yy * zz - zy * zy) - yx * (yx * zz - zx * zy) + zx * (yx * zy - zx * yy);
-  }
+  float determinant() const { return xx * (yy * zz - zy * zy) - yx * (yx * zz - zx * zy) + zx * (yx * zy - zx * yy); }
 };
 
 // Instructions of the parts, from the operations written here: two for each of float arithmetic, one of which loads.
@@ -202,6 +200,7 @@ Task KeyframeCuller::erase(int keyframe) {
 
 Task KeyframeCuller::choose_forgotten() {
   // votes_ are done with: how many patches each keyframe is the source of.
+  votes_.resize(map_.keyframes.size());
   std::fill(votes_.begin(), votes_.end(), 0.0f);
   for (const MapPoint& point : map_.points)
     if (point.id != 0) votes_[point.source.keyframe] += 1;

@@ -1,13 +1,13 @@
-// What the map can do without: measurements of a point beyond the most useful [phone 3.2], and the least useful keyframe
-// when there is one too many [phone 3.3].
+// What the map can do without: measurements of a point beyond the most useful [phone 3.2], and the least useful
+// keyframe when there is one too many [phone 3.3].
 //
 // Both judge by what would be lost. V = sum_j V_j is the information about a point's position, V_j = w_j B_j^T
 // Sigma_j^-1 B_j what keyframe j gives of it (B_j the projection's Jacobian, w_j the M-estimator's weight);
 // m_j = |V| - |V - V_j| is the usefulness of j for the point.
 //
-// Keyframes: every point spreads one vote over those that measure it. Two get a half each; of more, rank r under m_j gets
-// max(0, o - (r - 1)) / (1 + ... + o), o = min(observers, 4). The keyframe with the lowest sum goes, if the sum is under
-// kMostVotesToErase. Beyond the paper, whose version can split the map: never one that holds the keyframe graph
+// Keyframes: every point spreads one vote over those that measure it. Two get a half each; of more, rank r under m_j
+// gets max(0, o - (r - 1)) / (1 + ... + o), o = min(observers, 4). The keyframe with the lowest sum goes, if the sum is
+// under kMostVotesToErase. Beyond the paper, whose version can split the map: never one that holds the keyframe graph
 // together. Never the datum, and not the two newest, whose corners have not been found a second time yet.
 //
 // The mapper calls. A decision is a coroutine, at most 2 million ARMv6 instructions for the largest map of

@@ -337,8 +337,8 @@ Task Mapper::measure_remaining_points(int keyframe) {
 }
 
 // Partial points that the new keyframe sees are triangulated from their original keyframe and become map points; what
-// the filter knew was good for finding them only [phone 5.2]. One whose keyframe has been erased is measured in the live
-// keyframe nearest to that as well: it needs two.
+// the filter knew was good for finding them only [phone 5.2]. One whose keyframe has been erased is measured in the
+// live keyframe nearest to that as well: it needs two.
 Task Mapper::promote_partial_points(int keyframe) {
   for (PartialPoint& partial : map_.partial_points) {
     if (partial.id == 0 || partial.source.keyframe == keyframe) continue;

@@ -2,18 +2,18 @@
 //
 // Stage 1 tracks the first view's corners with a homography H in SL(3) and decomposes it in every frame. Where H leaves
 // more than noise, the relative pose from the epipolar constraint is sought on the same points, a few starts in each
-// frame (beyond the paper). Once the motion is well constrained - sigma of the plane's normal, or of depth and direction,
-// added up over frames - stage 2 keeps up to two planar hypotheses (R, t, n) and one without a plane, each with its own
-// triangulated points, and tracks an SE(3) pose in each until the others cost twice as much; a plane that costs hardly
-// more than no plane wins. The result is a small map: the points and up to eight keyframes spread over the way (beyond
-// the paper: two views cannot tell structure from the shutter's distortion, several can), in the first camera's frame,
-// scaled so that the scene is about 1 away. The mapper locates the keyframes and adjusts it.
+// frame (beyond the paper). Once the motion is well constrained - sigma of the plane's normal, or of depth and
+// direction, added up over frames - stage 2 keeps up to two planar hypotheses (R, t, n) and one without a plane, each
+// with its own triangulated points, and tracks an SE(3) pose in each until the others cost twice as much; a plane that
+// costs hardly more than no plane wins. The result is a small map: the points and up to eight keyframes spread over the
+// way (beyond the paper: two views cannot tell structure from the shutter's distortion, several can), in the first
+// camera's frame, scaled so that the scene is about 1 away. The mapper locates the keyframes and adjusts it.
 //
 // A first view that has gone out of sight by turning, or of which nothing has come in ten seconds, is replaced.
 //
 // Points are re-found in each frame from their prediction: no continuous tracks. Normalised image coordinates
-// throughout; measurements are corrected for the rolling shutter by the rate of H itself. No frame costs more than about
-// 6 million ARMv6 instructions: searches, starts and pose points of a frame are limited.
+// throughout; measurements are corrected for the rolling shutter by the rate of H itself. No frame costs more than
+// about 6 million ARMv6 instructions: searches, starts and pose points of a frame are limited.
 #pragma once
 
 #include "geometry/homography.h"

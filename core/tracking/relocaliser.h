@@ -16,8 +16,8 @@ struct RelocalisationCandidate {
 };
 
 // One attempt, counted from 0 since the camera was lost: at most so many keyframes are compared, and one of the best by
-// zero-mean sum of squared differences is aligned. Successive attempts take the next best, then the next keyframes, then
-// the first again. keyframe = -1 when there are not that many or the rotation does not align.
+// zero-mean sum of squared differences is aligned. Successive attempts take the next best, then the next keyframes,
+// then the first again. keyframe = -1 when there are not that many or the rotation does not align.
 constexpr int kComparedKeyframes = 128;  // 0.5 million ARMv6 instructions
 constexpr int kRelocalisationRanks = 3;  // best ones tried of these
 RelocalisationCandidate propose_pose(const Map& map, FullFrameRotation& full_frame_rotation, const GreyView& small,

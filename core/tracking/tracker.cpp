@@ -584,7 +584,8 @@ void Tracker::accept(const PoseUpdate& pose, float dt_s) {
 
 void Tracker::relocalise(TrackResult* result) {
   velocity_.setZero();
-  const RelocalisationCandidate candidate = propose_pose(map_, full_frame_rotation_, small_, relocalise_attempt_++, meter_);
+  const RelocalisationCandidate candidate =
+      propose_pose(map_, full_frame_rotation_, small_, relocalise_attempt_++, meter_);
   mark_stage(Stage::kInitialise, result);
   if (candidate.keyframe < 0) return;
   mean_depth_ = map_.keyframes[candidate.keyframe].mean_depth;
@@ -675,8 +676,8 @@ void Tracker::update_partial_points(TrackResult* result) {
 bool Tracker::wants_keyframe(const MapTracking& tracking) const {
   if (map_.held || map_.queued >= map_.queue.size()) return false;
   const bool full = map_.limits_hit & kLimitKeyframes;
-  const float interval_s = full ? std::max(kFullInterval_s, config_.min_keyframe_interval_s)
-                                : config_.min_keyframe_interval_s;
+  const float interval_s =
+      full ? std::max(kFullInterval_s, config_.min_keyframe_interval_s) : config_.min_keyframe_interval_s;
   if (elapsed_s(last_keyframe_ns_, timestamp_ns_) < interval_s) return false;
   if (good_frames_ < 2) return false;
   const Vector3f centre = T_cw_.centre();

@@ -1,5 +1,5 @@
-// What culling of keyframes costs: exploring runs on the emulated phone, each seen twice, with the keyframes limited and
-// with more than enough of them.
+// What culling of keyframes costs: exploring runs on the emulated phone, each seen twice, with the keyframes limited
+// and with more than enough of them.
 #pragma once
 
 #include <string>

@@ -17,7 +17,7 @@ namespace {
 using platform::InputError;
 
 constexpr double kLap_s = 60;
-constexpr int kJudgedMinute = 1;      // counted from 0: gives the alignment, and what later ones are compared with
+constexpr int kJudgedMinute = 1;  // counted from 0: gives the alignment, and what later ones are compared with
 constexpr double kMostAteGrowth = 1.2;
 constexpr double kMostCostGrowth = 1.1;
 constexpr double kRefind_s = 1;  // tracking cannot be expected for so long after a cover or a cut
@@ -51,8 +51,8 @@ struct Plan {
   std::vector<int> returns;  // frames at which a known view is back, or another one suddenly there
 };
 
-// One event in every half minute, from the second minute on: the lens is covered for one to three seconds while the hand
-// goes on, or the view jumps to another place of the lap.
+// One event in every half minute, from the second minute on: the lens is covered for one to three seconds while the
+// hand goes on, or the view jumps to another place of the lap.
 Plan make_plan(int frames, int lap_frames, double frames_per_s, uint64_t seed) {
   sim::Random random(seed, 140);
   const auto count = [frames_per_s](double s) { return static_cast<int>(std::lround(s * frames_per_s)); };
@@ -129,8 +129,8 @@ std::vector<EnduranceMinute> judge_minutes(const RunLog& log, const platform::Tr
   std::vector<std::vector<double>> costs(judged.size());
   std::vector<double> squares(judged.size()), mapping(judged.size());
   std::vector<int> poses(judged.size());
-  const double ns_to_m = 1e-9 * static_cast<double>(PhoneProfile().clock_mhz) /
-                         static_cast<double>(PhoneProfile().cycles_per_instruction);
+  const double ns_to_m =
+      1e-9 * static_cast<double>(PhoneProfile().clock_mhz) / static_cast<double>(PhoneProfile().cycles_per_instruction);
   for (const FrameLog& frame : log.frames) {
     const auto m = static_cast<size_t>(minute_of(frame));
     if (m >= judged.size()) continue;
@@ -243,17 +243,16 @@ bool run_endurance(const EnduranceOptions& options) {
   std::vector<std::vector<std::string>> rows;
   for (size_t m = 0; m < report.minutes.size(); ++m) {
     const EnduranceMinute& minute = report.minutes[m];
-    rows.push_back({format("%zu", m + 1), format("%.2f", minute.ate_mm),
-                    format("%.1f", 100.0 * minute.tracked / std::max(1, minute.expected)),
-                    format("%d/%d", minute.recovered, minute.losses), format("%.2f", minute.minstructions),
-                    format("%.2f", minute.minstructions99), format("%.2f", minute.mapping_minstructions),
-                    format("%d", minute.keyframes), format("%d", minute.erased_keyframes),
-                    format("%d", minute.map_points),
-                    format("%016llx", static_cast<unsigned long long>(minute.map_hash)),
-                    limit_names(minute.limits_hit)});
+    rows.push_back(
+        {format("%zu", m + 1), format("%.2f", minute.ate_mm),
+         format("%.1f", 100.0 * minute.tracked / std::max(1, minute.expected)),
+         format("%d/%d", minute.recovered, minute.losses), format("%.2f", minute.minstructions),
+         format("%.2f", minute.minstructions99), format("%.2f", minute.mapping_minstructions),
+         format("%d", minute.keyframes), format("%d", minute.erased_keyframes), format("%d", minute.map_points),
+         format("%016llx", static_cast<unsigned long long>(minute.map_hash)), limit_names(minute.limits_hit)});
   }
-  print_table({"minute", "ATE mm", "tracked %", "found", "frame M", "99 %", "mapping M", "keyframes", "erased", "points",
-               "map hash", "limits"},
+  print_table({"minute", "ATE mm", "tracked %", "found", "frame M", "99 %", "mapping M", "keyframes", "erased",
+               "points", "map hash", "limits"},
               rows);
   std::printf(
       "\nATE: by the alignment of minute %d. tracked: where it can be expected. found: of the covered and cut views, "

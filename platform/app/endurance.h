@@ -1,5 +1,5 @@
-// Long life on the emulated phone: a closed path is rendered once and seen again and again, for an hour if need be, with
-// cuts to other places of it and with a covered lens. Does the map stay small, the cost flat, the pose right?
+// Long life on the emulated phone: a closed path is rendered once and seen again and again, for an hour if need be,
+// with cuts to other places of it and with a covered lens. Does the map stay small, the cost flat, the pose right?
 #pragma once
 
 #include <cstdint>
@@ -19,9 +19,9 @@ struct EnduranceOptions {
 };
 
 struct EnduranceMinute {
-  int frames = 0, expected = 0, tracked = 0;  // expected: not covered, nor within a second after a cover or a cut
-  int losses = 0, recovered = 0;              // covers and cuts; found within a second
-  double ate_mm = 0;                          // of all valid poses, by the second minute's alignment
+  int frames = 0, expected = 0, tracked = 0;      // expected: not covered, nor within a second after a cover or a cut
+  int losses = 0, recovered = 0;                  // covers and cuts; found within a second
+  double ate_mm = 0;                              // of all valid poses, by the second minute's alignment
   double minstructions = 0, minstructions99 = 0;  // of a tracked frame: mean and 99th percentile
   double mapping_minstructions = 0;               // of idle time, per frame
   int keyframes = 0, erased_keyframes = 0, map_points = 0;  // at its end

@@ -294,7 +294,8 @@ int run_program(int argc, char** argv) {
           ->type_name("NAME")
           ->expected(1)
           ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
-  sim->add_option("--scene", chosen_scenes, listed(sim::scene_names()) + "; may be repeated with --suite and --study culling [desk]")
+  sim->add_option("--scene", chosen_scenes,
+                  listed(sim::scene_names()) + "; may be repeated with --suite and --study culling [desk]")
       ->type_name("NAME")
       ->expected(1)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
@@ -322,8 +323,10 @@ int run_program(int argc, char** argv) {
   CLI::Option* suite_flag =
       sim->add_flag("--suite", suite, "All stories, or those and the scenes named, with several seeds, as a table");
   CLI::Option* study_option =
-      sim->add_option("--study", study, "init: many short starts of several kinds, as a table and plots; culling: exploring runs with and without "
-                      "culling of keyframes, as a table")
+      sim->add_option(
+             "--study", study,
+             "init: many short starts of several kinds, as a table and plots; culling: exploring runs with and without "
+             "culling of keyframes, as a table")
           ->type_name("NAME")
           ->excludes(suite_flag);
   sim->add_option("--kind", study_options.kinds, listed(study_kinds()) + "; may be repeated, for --study [all]")

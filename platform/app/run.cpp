@@ -189,8 +189,8 @@ void write_frames(const RunLog& log, const std::filesystem::path& file) {
     std::snprintf(line, sizeof line, "%d,%.6f,%s,%s,%s,%.3f,%d,%d,%d,%d,%d,%d,%d,%d,%d,%d,", f.index,
                   1e-9 * static_cast<double>(f.timestamp_ns), name_of(f.state), name_of(f.quality), name_of(f.hint),
                   static_cast<double>(f.progress), f.points_attempted, f.points_found, f.points_inliers,
-                  f.partial_attempted, f.partial_found, f.keyframes, f.erased_keyframes, f.map_points, f.blurred ? 1 : 0,
-                  f.keyframe_added ? 1 : 0);
+                  f.partial_attempted, f.partial_found, f.keyframes, f.erased_keyframes, f.map_points,
+                  f.blurred ? 1 : 0, f.keyframe_added ? 1 : 0);
     out << line << limit_names(f.limits_hit) << ',' << f.instructions;
     for (const int64_t ns : f.stage_ns) out << ',' << ns / 1000;
     out << ',' << f.track_ns / 1000 << ',' << f.late_ns / 1000 << ',' << f.mapping_ns / 1000 << ',' << f.idle_slices
