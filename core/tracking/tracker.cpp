@@ -174,7 +174,7 @@ TrackResult Tracker::track(const Frame& frame, const Clock* clock) {
   result.state = state_;
   result.hint = hint_;
   result.limits_hit |= map_.limits_hit;
-  result.keyframes = map_.live_count();
+  result.keyframes = std::min(map_.live_count(), config_.max_keyframes);  // one more while culling decides
   result.erased_keyframes = map_.erased_count();
   result.map_points = map_.point_count();
   if (result.points.empty()) result.points = observed_;

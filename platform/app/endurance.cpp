@@ -51,7 +51,8 @@ struct Plan {
   std::vector<int> returns;  // frames at which a known view is back, or another one suddenly there
 };
 
-// One event in every half minute, from the second minute on: the lens is covered for one to three seconds while the
+// One event in every half minute but in the first two minutes and the last, so that the two that are compared see the
+// same whole lap: the lens is covered for one to three seconds while the
 // hand goes on, or the view jumps to another place of the lap.
 Plan make_plan(int frames, int lap_frames, double frames_per_s, uint64_t seed) {
   sim::Random random(seed, 140);
@@ -61,7 +62,7 @@ Plan make_plan(int frames, int lap_frames, double frames_per_s, uint64_t seed) {
   plan.expected.assign(static_cast<size_t>(frames), true);
   std::vector<int> jump(static_cast<size_t>(frames), 0);
   const int half_minute = count(30);
-  for (int begin = 2 * half_minute; begin + half_minute <= frames; begin += half_minute) {
+  for (int begin = 4 * half_minute; begin + 3 * half_minute <= frames; begin += half_minute) {
     const int at = begin + random.integer(count(2), half_minute - count(6));
     int back = at;
     if (random.chance(0.5)) {
@@ -177,8 +178,8 @@ std::vector<EnduranceMinute> judge_minutes(const RunLog& log, const platform::Tr
 }  // namespace
 
 EnduranceReport endure(const EnduranceOptions& options, bool quiet) {
-  if (options.minutes < 3 || options.minutes > 24 * 60)
-    throw InputError("--endurance: minutes must be within 3 to 1440");
+  if (options.minutes < 4 || options.minutes > 24 * 60)
+    throw InputError("--endurance: minutes must be within 4 to 1440");
   sim::PhoneOptions phone = options.phone;
   phone.story.clear();
   phone.motion = "lap";

@@ -1,5 +1,6 @@
 // Long life on the emulated phone: a closed path is rendered once and seen again and again, for an hour if need be,
-// with cuts to other places of it and with a covered lens. Does the map stay small, the cost flat, the pose right?
+// with cuts to other places of it and with a covered lens, but in the minutes that are compared: the second and the
+// last. Does the map stay small, the cost flat, the pose right?
 #pragma once
 
 #include <cstdint>
