@@ -12,11 +12,11 @@ struct Symmetric3 {
   float determinant() const { return xx * (yy * zz - zy * zy) - yx * (yx * zz - zx * zy) + zx * (yx * zy - zx * yy); }
 };
 
-// Instructions of the parts, from the operations written here: two for each of float arithmetic, one of which loads.
-constexpr int64_t kUsefulnessInstructions = 200;  // of one measurement
-constexpr int64_t kVoteInstructions = 40;         // of one measurement: its rank among eight
-constexpr int64_t kPairInstructions = 10;
-constexpr int64_t kPointInstructions = 20;
+// Instructions of the parts, from the code compiled for the ARM1176; not counted in the emulator.
+constexpr int64_t kUsefulnessInstructions = 130;  // of one measurement
+constexpr int64_t kVoteInstructions = 25;         // of one measurement
+constexpr int64_t kPairInstructions = 24;         // of two measurements: their order, what their keyframes share
+constexpr int64_t kPointInstructions = 80;
 constexpr int64_t kViewDistanceInstructions = 120;
 
 }  // namespace
@@ -144,18 +144,18 @@ Task KeyframeCuller::count_votes() {
     const int observers = point.measurements.size();
     float m[kMaxMeasurements + 1];
     if (observers > 2) measure_usefulness(map_, config_.camera, point, m);
+    int rank[kMaxMeasurements + 1] = {};  // counted from 0; equal ones in the order of the measurements
     for (int j = 0; j < observers; ++j) {
-      int rank = 1;  // equal ones in the order of the measurements
-      for (int i = 0; observers > 2 && i < observers; ++i) rank += m[i] > m[j] || (m[i] == m[j] && i < j);
-      const int k = point.measurements[j].keyframe;
-      votes_[k] += keyframe_vote(observers, rank);
+      const int b = place_[point.measurements[j].keyframe];
       for (int i = 0; i < j; ++i) {
-        const int a = place_[k], b = place_[point.measurements[i].keyframe];
+        if (observers > 2) ++rank[m[j] > m[i] ? i : j];
+        const int a = place_[point.measurements[i].keyframe];
         if (common(a, b) < 255) common(b, a) = ++common(a, b);
       }
     }
+    for (int j = 0; j < observers; ++j) votes_[point.measurements[j].keyframe] += keyframe_vote(observers, rank[j] + 1);
     meter_.charge(Work::kOther, kPointInstructions + kPairInstructions * (observers * (observers - 1) / 2) +
-                                    (observers > 2 ? kUsefulnessInstructions + kVoteInstructions : 10) * observers);
+                                    (kUsefulnessInstructions + kVoteInstructions) * observers);
     co_await background_.slice();
   }
 }
@@ -189,6 +189,9 @@ Task KeyframeCuller::erase(int keyframe) {
   map_.erase_keyframe(keyframe);
   meter_.charge(Work::kOther, 35LL * map_.points.size() + anchored * kViewDistanceInstructions * live_.size());
   co_await background_.slice();
+}
+
+Task KeyframeCuller::forget_surplus() {
   if (map_.erased_count() <= config_.max_erased_keyframes) co_return;
   co_await choose_forgotten();
   const auto sources = static_cast<int64_t>(votes_[forgotten_]);

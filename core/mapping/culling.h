@@ -10,8 +10,8 @@
 // under kMostVotesToErase. Beyond the paper, whose version can split the map: never one that holds the keyframe graph
 // together. Never the datum, and not the two newest, whose corners have not been found a second time yet.
 //
-// The mapper calls. A decision is a coroutine, at most 2 million ARMv6 instructions for the largest map of
-// Config::phone; memory from the arena.
+// The mapper calls. A decision is a coroutine: 0.6 million ARMv6 instructions for the paper's map (35 keyframes, 300
+// points, 8 measurements each), about 2 million for the largest that Config::phone allows; memory from the arena.
 #pragma once
 
 #include "map/map.h"
@@ -19,7 +19,10 @@
 
 namespace pptam {
 
-// A keyframe with fewer votes may be erased.
+// A keyframe with fewer votes may be erased. As many votes as the newcomer can bring points (max_new_partial_points):
+// less is no loss. Measured on "walls" (240x320, 20 s, 12 keyframes, three seeds), frames tracked: 72 to 80 % under a
+// threshold of 5 or 8, where the map is soon full; 80 to 95 % under 12, 90 to 100 % under 20, all under 25 and without
+// any. On "desk" and "boxes" all are tracked under any, with errors within a fifth.
 constexpr float kMostVotesToErase = 25.0f;
 // Keyframes that share so many points hold together: by fewer the tracker calls no pose good.
 constexpr int kMinCommonPoints = 12;
@@ -43,9 +46,11 @@ class KeyframeCuller {
   int chosen() const { return chosen_; }
   // Of the live keyframe, at the last choice; for tests and figures.
   float votes(int keyframe) const { return votes_[keyframe]; }
-  // Erases it, and forgets an erased one for good if there are too many then: the one whose view is most like
-  // another's, counted once more for every patch that it is the source of.
+  // Erases it; forget_surplus() is to follow.
   Task erase(int keyframe);
+  // If there are more erased keyframes than Config allows one is forgotten for good: the one whose view is most like
+  // another's, counted once more for every patch that it is the source of.
+  Task forget_surplus();
 
   FrameStack& frames() { return background_.frames(); }
 

@@ -74,6 +74,8 @@ Task Mapper::run() {
       co_await finish_initial_map();
     } else if (map_.live_count() > config_.max_keyframes) {  // an insertion was given up half-way
       co_await make_room();
+    } else if (map_.erased_count() > config_.max_erased_keyframes) {  // likewise
+      co_await culler_.forget_surplus();
     } else if (map_.queued > 0) {
       co_await insert_keyframe();
     } else if (local_pending_) {
@@ -301,6 +303,7 @@ Task Mapper::make_room() {
   if (gone >= 0) {
     map_.limits_hit &= ~static_cast<uint32_t>(kLimitKeyframes);
     co_await culler_.erase(gone);
+    co_await culler_.forget_surplus();
     co_return;
   }
   map_.limits_hit |= kLimitKeyframes;

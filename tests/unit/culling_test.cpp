@@ -56,6 +56,7 @@ Task choose_job(Job& job, KeyframeCuller& culler, int) {
 }
 Task erase_job(Job& job, KeyframeCuller& culler, int keyframe) {
   co_await culler.erase(keyframe);
+  co_await culler.forget_surplus();
   job.done = true;
 }
 
