@@ -179,7 +179,8 @@ void BundleAdjuster::commit() {
   meter_.charge(Work::kOther, 20LL * point_indices_.size() + 200LL * map_.erased_count());
 }
 
-// Measurements keep their weights; those of zero are forgotten. A point whose source view is one, or which is left with fewer than two, goes.
+// Measurements keep their weights; those of zero are forgotten. A point whose source view is one, or which is left with
+// fewer than two, goes.
 Task BundleAdjuster::discard_outliers() {
   for (int i = 0; i < point_indices_.size(); ++i) {
     const Engine::Point& entry = engine_.points()[i];

@@ -68,18 +68,17 @@ INSTANTIATE_TEST_SUITE_P(Scenes, Exploring,
 TEST(Endurance, FourMinutesAreNoBurden) {
   app::EnduranceOptions options;
   options.minutes = 4;
-  options.run.max_keyframes = 20;
-  options.run.max_erased_keyframes = 6;  // so that some are forgotten
   const app::EnduranceReport report = app::endure(options, true);
   for (const std::string& fault : report.faults) ADD_FAILURE() << fault;
   ASSERT_EQ(report.minutes.size(), 4u);
   EXPECT_EQ(report.map_parts, 1);
+  EXPECT_GT(report.minutes[1].erased_keyframes, 0);
   int losses = 0, recovered = 0;
   for (size_t m = 1; m < report.minutes.size(); ++m) {
     const app::EnduranceMinute& minute = report.minutes[m];
     EXPECT_GT(minute.tracked, 0.95 * minute.expected) << m;
-    EXPECT_LE(minute.keyframes, 20);
-    EXPECT_LE(minute.erased_keyframes, 7);
+    EXPECT_LE(minute.keyframes, 35);
+    EXPECT_LE(minute.erased_keyframes, 36);
     EXPECT_NE(minute.map_hash, 0u);
     losses += minute.losses;
     recovered += minute.recovered;
