@@ -65,6 +65,19 @@ TEST_P(Exploring, WithTwelveKeyframesStaysWholeAndTrue) {
 INSTANTIATE_TEST_SUITE_P(Scenes, Exploring,
                          ::testing::Values(std::tuple("desk", 1), std::tuple("boxes", 1), std::tuple("walls", 1)));
 
+// Of four keyframes none can be spared: the datum, the two newest, and one that many points need.
+TEST(FullMap, SaysSo) {
+  const test::Recording recording = explore("walls", 1);
+  const auto full = [](const RunLog& log) {
+    return std::any_of(log.frames.begin(), log.frames.end(),
+                       [](const app::FrameLog& frame) { return (frame.limits_hit & kLimitKeyframes) != 0; });
+  };
+  const RunLog log = run(recording, 3, 10);
+  EXPECT_TRUE(full(log));
+  EXPECT_EQ(log.keyframes.size(), 3u);
+  EXPECT_FALSE(full(run(recording, 35, 10)));
+}
+
 TEST(Endurance, FourMinutesAreNoBurden) {
   app::EnduranceOptions options;
   options.minutes = 4;
