@@ -37,7 +37,12 @@ struct Config {
   RollingShutter shutter;   // line_time_s = 0: global shutter
   float exposure_s = 0.0f;  // 0: unknown; used to predict motion blur
 
-  int max_keyframes = 35;     // [phone 3.3]
+  // Live keyframes: bundle adjusted, measured by the map's points. Beyond, the least useful one is erased for each new
+  // one [phone 3.3].
+  int max_keyframes = 35;
+  // Erased keyframes that keep their images, for patches and to find the way back; the least useful is forgotten then.
+  // Each takes 4/3 bytes a pixel.
+  int max_erased_keyframes = 35;
   int max_map_points = 1000;  // 35 keyframes with 25 new points each, and the first view's
   int max_partial_points = 100;
   int max_measured_points = 50;     // per frame [phone 4]
@@ -87,7 +92,7 @@ enum class Hint : uint8_t {
 
 // Bits of TrackResult::limits_hit; each names the Config field to raise.
 enum LimitBits : uint32_t {
-  kLimitKeyframes = 1u << 0,      // max_keyframes: the map is full, no new keyframe is made
+  kLimitKeyframes = 1u << 0,      // max_keyframes: the map is full, none can be spared for a new one
   kLimitMapPoints = 1u << 1,      // max_map_points
   kLimitPartialPoints = 1u << 2,  // max_partial_points
   kLimitMeasuredPoints = 1u << 3  // max_measured_points: more points were visible than measured (usual)
@@ -140,7 +145,8 @@ struct TrackResult {
   float reprojection_px = 0;  // rms error of an inlier's coordinate, level-0 pixels
   int partial_attempted = 0;
   int partial_found = 0;
-  int keyframes = 0;  // in the map
+  int keyframes = 0;         // in the map, live
+  int erased_keyframes = 0;  // kept besides
   int map_points = 0;
   std::span<const ObservedPoint> points;  // valid until the next call of track()
   int64_t stage_ns[kStages] = {};         // by the clock given to set_clock(); zero without one
@@ -181,8 +187,9 @@ struct MapInfo {
   int version = 0;
   CameraModel camera;  // with which it was made, not prepared; Config's must be the same to load it
   RollingShutter shutter;
-  int keyframes = 0, map_points = 0, partial_points = 0;
-  int min_keyframes = 0, min_map_points = 0, min_partial_points = 0;  // least capacities of a Config that can load it
+  int keyframes = 0, erased_keyframes = 0, map_points = 0, partial_points = 0;
+  // Capacities of a Config that can load it.
+  int min_keyframes = 0, min_erased_keyframes = 0, min_map_points = 0, min_partial_points = 0;
 };
 
 class System {
@@ -230,9 +237,13 @@ class System {
   void set_locked(bool locked);
   bool locked() const;
 
-  // Copies up to out.size() entries in the order of their ids; returns how many there are in all.
+  // Copies up to out.size() entries in the order of their ids (keyframes: live ones); returns how many there are in
+  // all.
   int keyframes(std::span<KeyframeInfo> out) const;
   MapFit map_fit() const;
+  // Into how many parts the map falls where live keyframes hold together by at least so many common points: 1 for a
+  // sound map, 0 without one. For judging maps, slow.
+  int map_parts(int common_points) const;
   int map_points(std::span<MapPointInfo> out) const;
   int measurements(std::span<MeasurementInfo> out) const;  // by point, as map_points()
   GreyView keyframe_image(

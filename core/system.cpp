@@ -13,6 +13,9 @@ namespace pptam {
 
 namespace {
 
+constexpr int kMostKeyframes = 1000;                        // live; as many erased ones
+constexpr int kMostKeyframeSlots = 2 * kMostKeyframes + 1;  // and the newcomer
+
 // ARMv6 instructions a byte, for the checksum and a copy.
 constexpr int kMapFileInstructions = 8;
 
@@ -53,8 +56,10 @@ Status Config::validate() const {
     return {StatusCode::kInvalidArgument, "Config::shutter: the readout must be under 1 s; line_time_s is per line"};
   if (!(exposure_s >= 0 && exposure_s <= 1.0f))
     return {StatusCode::kInvalidArgument, "Config::exposure_s must be within 0 to 1 s"};
-  if (max_keyframes < 3 || max_keyframes > 1000)
+  if (max_keyframes < 3 || max_keyframes > kMostKeyframes)
     return {StatusCode::kInvalidArgument, "Config::max_keyframes must be within 3 to 1000"};
+  if (max_erased_keyframes < 0 || max_erased_keyframes > kMostKeyframes)
+    return {StatusCode::kInvalidArgument, "Config::max_erased_keyframes must be within 0 to 1000"};
   if (max_map_points < 100 || max_map_points > 30000)
     return {StatusCode::kInvalidArgument, "Config::max_map_points must be within 100 to 30000"};
   if (max_partial_points < 1 || max_partial_points > 30000)
@@ -72,8 +77,10 @@ Status Config::validate() const {
     return {StatusCode::kInvalidArgument, "Config::initial_plane_distance must be 0 or within 0.001 to 1000"};
   if (!(min_keyframe_interval_s >= 0 && min_keyframe_interval_s < 3600))
     return {StatusCode::kInvalidArgument, "Config::min_keyframe_interval_s must be within 0 to 3600 s"};
-  if (static_cast<int64_t>(camera.width) * camera.height * (max_keyframes + 16) > int64_t{1} << 30)
-    return {StatusCode::kInvalidArgument, "Config: max_keyframes of this size need over 1 GB: lower one of them"};
+  if (static_cast<int64_t>(camera.width) * camera.height * (max_keyframes + max_erased_keyframes + 16) > int64_t{1}
+                                                                                                             << 30)
+    return {StatusCode::kInvalidArgument,
+            "Config: max_keyframes and max_erased_keyframes of this size need over 1 GB: lower one of them"};
   if (!(profile.clock_mhz >= 1 && profile.clock_mhz <= 1e5f) ||
       !(profile.cycles_per_instruction >= 0.01f && profile.cycles_per_instruction <= 1e3f))
     return {StatusCode::kInvalidArgument, "Config::profile: clock or cycles per instruction is absurd"};
@@ -204,11 +211,14 @@ bool System::locked() const {
 
 int System::keyframes(std::span<KeyframeInfo> out) const {
   int count = 0;
-  for (const Keyframe& keyframe : impl_->map.keyframes) {
-    if (count < static_cast<int>(out.size())) out[count] = {keyframe.id, keyframe.timestamp_ns, keyframe.T_kw};
-    ++count;
+  for (uint32_t last_id = 0;; ++count) {
+    const Keyframe* next = nullptr;  // slots are used again, so that ids are not in their order
+    for (const Keyframe& keyframe : impl_->map.keyframes)
+      if (keyframe.live() && keyframe.id > last_id && (!next || keyframe.id < next->id)) next = &keyframe;
+    if (!next) return count;
+    if (count < static_cast<int>(out.size())) out[count] = {next->id, next->timestamp_ns, next->T_kw};
+    last_id = next->id;
   }
-  return count;
 }
 
 int System::map_points(std::span<MapPointInfo> out) const {
@@ -277,6 +287,7 @@ MapFit System::map_fit() const {
   if (fit.measurements == 0) return fit;
   if (shutter.line_time_s != 0) {
     for (const Keyframe& keyframe : map.keyframes) {
+      if (!keyframe.live()) continue;
       const Vector6f difference = keyframe.velocity - keyframe.velocity_prior;
       const float translation =
           difference.head<3>().squaredNorm() /
@@ -287,6 +298,37 @@ MapFit System::map_fit() const {
   }
   fit.cost = static_cast<float>(sum / fit.measurements);
   return fit;
+}
+
+int System::map_parts(int common_points) const {
+  const Map& map = impl_->map;
+  const auto common = [&map](int a, int b) {
+    int count = 0;
+    for (const MapPoint& point : map.points) {
+      int seen = 0;
+      for (const Measurement& m : point.measurements) seen += m.keyframe == a || m.keyframe == b;
+      count += seen == 2;
+    }
+    return count;
+  };
+  int16_t reached[kMostKeyframeSlots];  // in the order in which they were
+  bool done[kMostKeyframeSlots] = {};
+  int parts = 0;
+  for (int start = 0; start < map.keyframes.size(); ++start) {
+    if (!map.keyframes[start].live() || done[start]) continue;
+    ++parts;
+    int count = 0;
+    reached[count++] = static_cast<int16_t>(start);
+    done[start] = true;
+    for (int next = 0; next < count; ++next) {
+      for (int k = 0; k < map.keyframes.size(); ++k) {
+        if (!map.keyframes[k].live() || done[k] || common(reached[next], k) < common_points) continue;
+        done[k] = true;
+        reached[count++] = static_cast<int16_t>(k);
+      }
+    }
+  }
+  return parts;
 }
 
 const Config& System::config() const {

@@ -151,6 +151,22 @@ class StartingHand {
   double released_s_ = 0;
 };
 
+// Explores, and is back at the first view at the end, without unrest, so that it can be told again and again.
+MotionCurve lap(const Stage& stage, uint64_t seed, double duration_s) {
+  constexpr double kExploredShare = 0.7, kQuiet_s = 1;
+  Random random(seed, 22);
+  const View first = first_view(stage, random);
+  const auto hand = std::make_shared<Hand>(first, seed, 1.0);
+  Walk walk{stage, random, *hand, first};
+  walk.start_sideways();
+  walk.explore(kExploredShare * duration_s, kExploredShare * duration_s);
+  walk.move_to(first, std::max(duration_s - walk.t_s, comfortable_time(walk.view, first - walk.view, kLargestSpeed)));
+  return [hand, duration_s](double t_s) {
+    const double amount = blend(t_s / kQuiet_s) * blend((duration_s - t_s) / kQuiet_s);
+    return hand->unrest().applied(hand->view_at(t_s).pose(), t_s, amount);
+  };
+}
+
 }  // namespace
 
 std::vector<std::string> start_names() {
@@ -243,7 +259,7 @@ Start make_start(const std::string& name, const Scene& scene, uint64_t seed) {
 }
 
 std::vector<std::string> motion_names() {
-  return {"calm", "shaky", "still", "pure_rotation"};
+  return {"calm", "shaky", "still", "pure_rotation", "lap"};
 }
 
 MotionCurve make_motion(const std::string& name, const Stage& stage, uint64_t seed, double duration_s) {
@@ -252,6 +268,7 @@ MotionCurve make_motion(const std::string& name, const Stage& stage, uint64_t se
     const Isometry3d T = first_view(stage, random).pose();
     return [T](double) { return T; };
   }
+  if (name == "lap") return lap(stage, seed, duration_s);
   const auto hand = std::make_shared<const Hand>(
       calm_story(stage, seed, duration_s, name == "shaky" ? kShaky : 1.0, name == "pure_rotation"));
   return [hand](double t_s) { return hand->at(t_s); };

@@ -33,7 +33,7 @@ struct PhoneOptions {
 std::vector<std::string>
 scene_names();  // "desk", "boxes", "walls", "checkerboard", "plane", "clutter", "sparse", "tiles"
 // "calm": hold still, move sideways, then explore. "shaky": the same with four times the tremor. "still": as on a
-// tripod. "pure_rotation": turns about a fixed point.
+// tripod. "pure_rotation": turns about a fixed point. "lap": as "calm", but ends as it begins, at the first view.
 std::vector<std::string> motion_names();
 
 // Throws platform::InputError on options that make no sense, naming the option.

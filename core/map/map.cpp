@@ -6,7 +6,12 @@ namespace pptam {
 
 namespace {
 
-constexpr int kQueueLength = 2;  // the tracker makes at most one keyframe per min_keyframe_interval_s
+constexpr int kQueueLength = 2;             // the tracker makes at most one keyframe per min_keyframe_interval_s
+constexpr float kMinSourceCosSlant = 0.5f;  // between viewing ray and a patch's normal in its new source: 60 degrees
+
+int keyframe_slots(const Config& config) {
+  return config.max_keyframes + 1 + config.max_erased_keyframes;
+}
 
 Keyframe make_keyframe(Arena& arena, const Config& config) {
   Keyframe keyframe;
@@ -39,12 +44,12 @@ class Hash {
 }  // namespace
 
 Map::Map(Arena& arena, const Config& config)
-    : keyframes(arena, config.max_keyframes),
+    : keyframes(arena, keyframe_slots(config)),
       points(arena, config.max_map_points),
       partial_points(arena, config.max_partial_points),
       queue(arena, kQueueLength),
       neighbours(arena, 2 * kMaxInitialKeyframes) {
-  for (int i = 0; i < config.max_keyframes; ++i) {
+  for (int i = 0; i < keyframe_slots(config); ++i) {
     const Keyframe keyframe = make_keyframe(arena, config);
     if (i < keyframes.capacity()) keyframes.push_back(keyframe);
   }
@@ -93,16 +98,109 @@ int Map::add_partial_point() {
   return -1;
 }
 
+int Map::live_count() const {
+  int count = 0;
+  for (const Keyframe& keyframe : keyframes) count += keyframe.live();
+  return count;
+}
+
+int Map::erased_count() const {
+  int count = 0;
+  for (const Keyframe& keyframe : keyframes) count += keyframe.id != 0 && keyframe.erased;
+  return count;
+}
+
 int Map::add_keyframe(KeyframeCandidate& candidate) {
-  if (keyframes.full()) {
+  int index = 0;
+  while (index < keyframes.size() && keyframes[index].id != 0) ++index;
+  if (index == keyframes.capacity()) {
     limits_hit |= kLimitKeyframes;
     return -1;
   }
-  const int index = keyframes.size();
-  keyframes.resize(index + 1);
+  if (index == keyframes.size()) keyframes.resize(index + 1);
   std::swap(keyframes[index], candidate.frame);
   keyframes[index].id = next_id++;
+  keyframes[index].erased = false;
+  keyframes[index].anchor = -1;
   return index;
+}
+
+float Map::view_distance(const Keyframe& a, const Keyframe& b) {
+  const float shift = (a.T_kw.centre() - b.T_kw.centre()).norm() / a.mean_depth;
+  const float turn = (a.T_kw.R.row(2) - b.T_kw.R.row(2)).norm();
+  return shift + turn;
+}
+
+int Map::nearest_live(int index, int except) const {
+  int nearest = -1;
+  float least = 0;
+  for (int k = 0; k < keyframes.size(); ++k) {
+    if (!keyframes[k].live() || k == index || k == except) continue;
+    const float distance = view_distance(keyframes[index], keyframes[k]);
+    if (nearest >= 0 && !(distance < least)) continue;
+    nearest = k;
+    least = distance;
+  }
+  return nearest;
+}
+
+void Map::erase_keyframe(int index) {
+  PPTAM_ASSERT(index > 0 && keyframes[index].live());
+  for (int i = 0; i < points.size(); ++i) {
+    MapPoint& point = points[i];
+    for (int j = 0; j < point.measurements.size(); ++j) {
+      if (point.measurements[j].keyframe != index) continue;
+      point.measurements.erase_at(j);
+      if (point.measurements.size() < 2) remove_point(i);
+      break;
+    }
+  }
+  keyframes[index].erased = true;
+  for (int k = 0; k < keyframes.size(); ++k) {
+    Keyframe& keyframe = keyframes[k];
+    if (keyframe.id == 0 || !keyframe.erased || (k != index && keyframe.anchor != index)) continue;
+    keyframe.anchor = static_cast<int16_t>(nearest_live(k));
+    keyframe.T_anchor = keyframe.T_kw * keyframes[keyframe.anchor].T_kw.inverse();
+    keyframe.T_anchor.R = orthonormalised(keyframe.T_anchor.R);
+  }
+}
+
+void Map::forget_keyframe(int index) {
+  Keyframe& gone = keyframes[index];
+  PPTAM_ASSERT(gone.id != 0 && gone.erased);
+  for (int i = 0; i < points.size(); ++i) {
+    MapPoint& point = points[i];
+    if (point.id == 0 || point.source.keyframe != index) continue;
+    const Measurement* best = nullptr;
+    float least = 0;
+    for (const Measurement& m : point.measurements) {
+      const float distance = view_distance(gone, keyframes[m.keyframe]);
+      if (best && !(distance < least)) continue;
+      best = &m;
+      least = distance;
+    }
+    if (!best) {
+      remove_point(i);
+      continue;
+    }
+    const SE3& T_kw = keyframes[best->keyframe].T_kw;
+    const Vector3f p_k = T_kw * point.p_w;
+    point.source.normal = T_kw.R * (gone.T_kw.R.transpose() * point.source.normal);
+    // Seen too much from the side the old plane explains nothing: it faces the new camera then.
+    if (-point.source.normal.dot(p_k) < kMinSourceCosSlant * p_k.norm()) point.source.normal = -p_k.normalized();
+    point.source.keyframe = best->keyframe;
+    point.source.px = best->px;
+  }
+  for (PartialPoint& partial : partial_points)
+    if (partial.id != 0 && partial.source.keyframe == index) partial = PartialPoint();
+  gone.id = 0;
+  gone.erased = false;
+  gone.anchor = -1;
+}
+
+void Map::follow_anchors() {
+  for (Keyframe& keyframe : keyframes)
+    if (keyframe.id != 0 && keyframe.erased) keyframe.T_kw = keyframe.T_anchor * keyframes[keyframe.anchor].T_kw;
 }
 
 void Map::pop_queue() {
@@ -112,6 +210,7 @@ void Map::pop_queue() {
 }
 
 void Map::clear() {
+  for (Keyframe& keyframe : keyframes) keyframe.id = 0;
   keyframes.resize(0);
   for (MapPoint& point : points) point = MapPoint();
   for (PartialPoint& point : partial_points) point = PartialPoint();
@@ -131,6 +230,7 @@ void Map::apply(const Similarity& S) {
   };
   for (Keyframe& keyframe : keyframes) {
     transform_pose(keyframe.T_kw);
+    keyframe.T_anchor.t *= S.scale;
     keyframe.velocity.head<3>() *= S.scale;
     keyframe.velocity_prior.head<3>() *= S.scale;
     keyframe.mean_depth *= S.scale;
@@ -153,6 +253,7 @@ void Map::apply(const Similarity& S) {
 uint64_t Map::hash() const {
   Hash hash;
   for (const Keyframe& keyframe : keyframes) {
+    if (keyframe.id == 0) continue;
     for (int i = 0; i < 9; ++i) hash.add_float(keyframe.T_kw.R(i / 3, i % 3));
     for (int i = 0; i < 3; ++i) hash.add_float(keyframe.T_kw.t[i]);
   }
@@ -166,38 +267,6 @@ uint64_t Map::hash() const {
     }
   }
   return hash.value();
-}
-
-void cull_measurements(const Map& map, const CameraModel& camera, MapPoint& point) {
-  const int count = point.measurements.size();
-  if (count <= kMaxMeasurements) return;
-  // V_j = B^T B / sigma^2 with B scaled by the depth, which makes every V_j of order f^2 and keeps |V| within float32.
-  Matrix3f V_j[kMaxMeasurements + 1];
-  Matrix3f V = Matrix3f::Zero();
-  for (int j = 0; j < count; ++j) {
-    const Measurement& m = point.measurements[j];
-    const Keyframe& keyframe = map.keyframes[m.keyframe];
-    const Vector3f p_k = keyframe.T_kw * point.p_w;
-    Vector2f px;
-    Matrix23f J;
-    V_j[j].setZero();
-    if (camera.project(p_k, &px, &J)) {
-      const Matrix23f B = J * keyframe.T_kw.R * (keyframe.mean_depth / (m.sigma * camera.fx));
-      V_j[j] = B.transpose() * B;
-    }
-    V += V_j[j];
-  }
-  const float all = V.determinant();
-  int worst = 1;
-  float least = 0;
-  for (int j = 1; j < count; ++j) {
-    const float usefulness = all - (V - V_j[j]).determinant();
-    if (j == 1 || usefulness < least) {
-      least = usefulness;
-      worst = j;
-    }
-  }
-  point.measurements.erase_at(worst);
 }
 
 Vector2f global_shutter_px(const CameraModel& camera, const RollingShutter& shutter, const Vector6f& velocity,

@@ -2,8 +2,9 @@
 // over new keyframes. Tracking and mapping meet here and nowhere else.
 //
 // Frames: T_kw takes world to keyframe. Pixels are level 0. Everything has a fixed capacity from Config; entries are
-// addressed by index, which stays valid until the entry is removed (points) or for ever (keyframes). Between two slices
-// of mapping the map is consistent: every measurement's keyframe exists, every point has at least two measurements.
+// addressed by index, which stays valid while the entry exists; empty slots have id 0. Between two slices of mapping
+// the map is consistent: every measurement's keyframe is live, every point has at least two measurements, every patch
+// source exists. Keyframe 0 is the datum: it is live as long as there is a map.
 #pragma once
 
 #include <cstdint>
@@ -20,14 +21,15 @@ namespace pptam {
 struct Measurement {
   Vector2f px = Vector2f::Zero();  // level-0 pixels, as measured (rolling shutter not corrected)
   float sigma = 1;                 // expected standard deviation, level-0 pixels: 2^level
-  int16_t keyframe = -1;           // index into Map::keyframes
+  int16_t keyframe = -1;           // index into Map::keyframes; a live one
+  float weight = 1;                // of the M-estimator at the last bundle adjustment, 0 to 1
 };
 
 // [phone 3.2]: at most 8 measurements of a point are kept; one place more, for the newcomer that culling judges.
 constexpr int kMaxMeasurements = 8;
 
 struct PatchSource {
-  int16_t keyframe = -1;
+  int16_t keyframe = -1;                 // live or erased
   Vector2f px = Vector2f::Zero();        // level-0 pixels in that keyframe
   Vector3f normal = -Vector3f::UnitZ();  // of the patch's plane, in the keyframe's frame, unit, towards the camera
 };
@@ -55,8 +57,13 @@ struct PartialPoint {
 // A small blurred image for relocalisation and full-frame rotation: level 4 with a 3x3 binomial blur.
 using SmallImage = GreyImage;
 
+// Erased keyframes [phone 3.3, footnote] have no measurements and no place in bundle adjustment. They keep their
+// images, as patch sources and for relocalisation, and their positions, which follow the live keyframe nearest to them.
 struct Keyframe {
-  uint32_t id = 0;
+  uint32_t id = 0;  // never reused; 0: empty slot
+  bool erased = false;
+  int16_t anchor = -1;  // of an erased one: the live keyframe that it follows,
+  SE3 T_anchor;         // T_kw = T_anchor * T_kw of the anchor
   int64_t timestamp_ns = 0;
   SE3 T_kw;
   Vector6f velocity = Vector6f::Zero();        // T_kw(t + dt) = exp(dt * velocity) T_kw: world units/s and radians/s
@@ -65,6 +72,8 @@ struct Keyframe {
   PyramidStorage storage;
   Pyramid pyramid;
   SmallImage small;
+
+  bool live() const { return id != 0 && !erased; }
 };
 
 // A tracked frame on its way to becoming a keyframe.
@@ -98,8 +107,8 @@ struct Map {
   Map() = default;
   Map(Arena& arena, const Config& config);
 
-  FixedVector<Keyframe> keyframes;
-  FixedVector<MapPoint> points;  // slots; empty ones have id 0
+  FixedVector<Keyframe> keyframes;  // slots: max_keyframes live ones, the newcomer that culling judges, erased ones
+  FixedVector<MapPoint> points;     // slots; empty ones have id 0
   FixedVector<PartialPoint> partial_points;
   FixedVector<KeyframeCandidate> queue;  // size is the capacity; the first `queued` are waiting, oldest first
   int queued = 0;
@@ -113,7 +122,7 @@ struct Map {
   uint32_t next_id = 1;
   bool ready = false;       // initial bundle adjustment and alignment are done: poses may be shown
   bool locked = false;      // by the user: once it is ready it does not change any more
-  uint32_t limits_hit = 0;  // LimitBits since the last reset
+  uint32_t limits_hit = 0;  // LimitBits since the last reset; kLimitKeyframes while the map is full
   // Counts clear() and changes of scale: tells the mapper that what it was doing has no object any more.
   uint32_t epoch = 0;
   // The world's coordinates change once after initialisation (mapper), and when the user sets a length. The tracker
@@ -123,23 +132,34 @@ struct Map {
 
   bool exists() const { return keyframes.size() > 0; }
   int point_count() const;
+  int live_count() const;    // keyframes
+  int erased_count() const;  // keyframes
   // Index of a free slot that now belongs to a point with a fresh id, or -1 when full.
   int add_point();
   int add_partial_point();
   void remove_point(int index) { points[index] = MapPoint(); }
-  // Moves the candidate's images and state into a new keyframe; its index, or -1 when full. The candidate gets the
-  // keyframe's old storage in exchange.
+  // Moves the candidate's images and state into a new keyframe; its index, or -1 when all slots are taken. The
+  // candidate gets the slot's old storage in exchange.
   int add_keyframe(KeyframeCandidate& candidate);
+  // Live to erased: its measurements go, and with them points that are left with fewer than two; it is anchored, and
+  // what was anchored to it anew. Not the datum.
+  void erase_keyframe(int index);
+  // Empties the slot of an erased keyframe for good. Points whose patch source it was get another one among the
+  // keyframes that measure them; partial points go.
+  void forget_keyframe(int index);
+  // Erased keyframes to where their anchors have moved: to be called after every change of live poses.
+  void follow_anchors();
+  // How different two views are: the shift in mean depths plus the turn of the optical axis in radians, both of which
+  // move the image about as much.
+  static float view_distance(const Keyframe& a, const Keyframe& b);
+  // The live keyframe whose view is most like that of keyframe `index`, which is not considered itself, nor `except`.
+  int nearest_live(int index, int except = -1) const;
   void pop_queue();
   void clear();  // keeps storage; ids go on
   // Applies S to all positions and poses; velocities' translation and depths scale along.
   void apply(const Similarity& S);
-  uint64_t hash() const;  // FNV-1a over poses, positions and measurements in index order
+  uint64_t hash() const;  // FNV-1a over poses, erased ones' too, positions and measurements in index order
 };
-
-// Takes out the measurement that tells least about the point, m_j = |V| - |V - V_j| [phone 3.2], when there are more
-// than kMaxMeasurements. The first (source) measurement always stays.
-void cull_measurements(const Map& map, const CameraModel& camera, MapPoint& point);
 
 // The pixel at which a global shutter would have seen the point: px - J * velocity * dt [phone 6]. p_c: the point in
 // the camera's frame at the frame's timestamp.

@@ -12,14 +12,15 @@ namespace {
 constexpr char kMagic[] = "PPTAMMAP";
 constexpr size_t kMagicBytes = 8;
 constexpr uint32_t kVersion = 1;
-constexpr size_t kHeaderBytes = 108;
-constexpr size_t kKeyframeBytes = 120;  // without its image
+constexpr size_t kHeaderBytes = 112;
+constexpr size_t kKeyframeBytes = 120;  // without its image and, if it was erased, its anchor
 constexpr size_t kPointBytes = 52;      // without its measurements
 constexpr size_t kPartialBytes = 44;
 constexpr size_t kCrcBytes = 4;
 
-constexpr int kMostKeyframes = 1000;  // Config::validate allows no more
-constexpr float kLargest = 1e8f;      // of any length or speed in the map: its fourth power is still a float
+constexpr int kMostKeyframeSlots = 2001;  // Config::validate allows no more
+constexpr uint32_t kErasedFlag = 1;
+constexpr float kLargest = 1e8f;  // of any length or speed in the map: its fourth power is still a float
 constexpr float kLeastDepth = 1e-8f;
 constexpr float kMostInformation = 1e30f;
 // Of a rotation's rows and of a normal: a thousand times float32's rounding, a hundred times what a map ever shows.
@@ -146,6 +147,7 @@ struct Header {
   RollingShutter shutter;
   uint32_t next_id = 0;
   Count keyframes, points, partial_points;
+  uint32_t erased = 0;  // of the keyframes
 };
 
 void write_header(const Header& header, Writer* out) {
@@ -166,6 +168,7 @@ void write_header(const Header& header, Writer* out) {
     out->u32(counted.slots);
     out->u32(counted.entries);
   }
+  out->u32(header.erased);
 }
 
 enum class Checksum { kCheck, kChecked };
@@ -201,6 +204,7 @@ Status read_header(std::span<const std::byte> file, Checksum checksum, Header* h
     counted->slots = in.u32();
     counted->entries = in.u32();
   }
+  header->erased = in.u32();
   if (width > INT16_MAX || height > INT16_MAX || distortion > static_cast<uint32_t>(Distortion::kEquidistant) ||
       axis > static_cast<uint32_t>(RollingShutter::Axis::kColumns) || !within(header->shutter.line_time_s, -1, 1))
     return refused("the map's camera is nonsense");
@@ -215,8 +219,7 @@ Status read_header(std::span<const std::byte> file, Checksum checksum, Header* h
   least += header->keyframes.entries * (kKeyframeBytes + uint64_t{width} * height);
   least += uint64_t{header->points.entries} * kPointBytes;
   least += uint64_t{header->partial_points.entries} * kPartialBytes;
-  bool possible = least <= header->bytes && header->keyframes.entries > 0 &&
-                  header->keyframes.entries == header->keyframes.slots;  // keyframes leave no slot empty
+  bool possible = least <= header->bytes && header->erased < header->keyframes.entries;
   for (const Count& counted : {header->keyframes, header->points, header->partial_points})
     possible = possible && counted.entries <= counted.slots && counted.slots <= INT16_MAX;
   if (!possible) return refused("the map's counts do not fit its size");
@@ -243,8 +246,13 @@ Status check_fit(const Header& header, const Config& config) {
         "Config::camera");
   if (!same(header.shutter.line_time_s, config.shutter.line_time_s) || header.shutter.axis != config.shutter.axis)
     return refused("the map was made with another rolling shutter than Config::shutter");
-  if (static_cast<int>(header.keyframes.slots) > config.max_keyframes)
+  // One more of either: the newcomer, when a map is saved while culling decides.
+  const int erased = static_cast<int>(header.erased), live = static_cast<int>(header.keyframes.entries) - erased;
+  if (live > config.max_keyframes + 1)
     return refused("the map has more keyframes than Config::max_keyframes: raise it");
+  if (erased > config.max_erased_keyframes + 1 ||
+      static_cast<int>(header.keyframes.slots) > config.max_keyframes + 1 + config.max_erased_keyframes)
+    return refused("the map has more erased keyframes than Config::max_erased_keyframes: raise it");
   if (static_cast<int>(header.points.slots) > config.max_map_points)
     return refused("the map has more map points than Config::max_map_points: raise it");
   if (static_cast<int>(header.partial_points.slots) > config.max_partial_points)
@@ -258,16 +266,24 @@ void write_source(const PatchSource& source, Writer* out) {
   out->vector(source.normal);
 }
 
+void write_pose(const SE3& T, Writer* out) {
+  for (int i = 0; i < 9; ++i) out->f32(T.R(i / 3, i % 3));
+  out->vector(T.t);
+}
+
 void write_keyframe(int slot, const Keyframe& keyframe, Writer* out) {
   out->u32(static_cast<uint32_t>(slot));
   out->u32(keyframe.id);
-  out->u32(0);
+  out->u32(keyframe.erased ? kErasedFlag : 0);
   out->u64(static_cast<uint64_t>(keyframe.timestamp_ns));
-  for (int i = 0; i < 9; ++i) out->f32(keyframe.T_kw.R(i / 3, i % 3));
-  out->vector(keyframe.T_kw.t);
+  write_pose(keyframe.T_kw, out);
   out->vector(keyframe.velocity);
   out->vector(keyframe.velocity_prior);
   out->f32(keyframe.mean_depth);
+  if (keyframe.erased) {
+    out->u32(static_cast<uint32_t>(keyframe.anchor));
+    write_pose(keyframe.T_anchor, out);
+  }
   const GreyView& image = keyframe.pyramid.level[0];
   for (int y = 0; y < image.height; ++y) out->bytes(image.row(y), static_cast<size_t>(image.width));
 }
@@ -284,6 +300,7 @@ void write_point(int slot, const MapPoint& point, Writer* out) {
     out->u32(static_cast<uint32_t>(m.keyframe));
     out->vector(m.px);
     out->f32(m.sigma);
+    out->f32(m.weight);
   }
 }
 
@@ -313,6 +330,7 @@ Header header_of(const Map& map, const Config& config, uint64_t bytes) {
   header.keyframes = count(map.keyframes);
   header.points = count(map.points);
   header.partial_points = count(map.partial_points);
+  header.erased = static_cast<uint32_t>(map.erased_count());
   return header;
 }
 
@@ -334,8 +352,12 @@ class Body {
 
   Status read(Map* map_or_null) {
     map_ = map_or_null;
-    if (map_) map_->keyframes.resize(static_cast<int>(header_.keyframes.slots));
+    if (map_) {
+      map_->keyframes.resize(static_cast<int>(header_.keyframes.slots));
+      for (Keyframe& keyframe : map_->keyframes) keyframe.id = 0;
+    }
     Status status = read_entries(header_.keyframes, &Body::read_keyframe);
+    if (status.ok()) status = check_anchors();
     if (status.ok()) status = read_entries(header_.points, &Body::read_point);
     if (status.ok()) status = read_entries(header_.partial_points, &Body::read_partial_point);
     if (!status.ok()) return status;
@@ -359,7 +381,28 @@ class Body {
     return {};
   }
 
-  bool has_keyframe(uint32_t slot) const { return slot < header_.keyframes.slots && present_[slot]; }
+  enum class Slot : uint8_t { kEmpty, kLive, kErased };
+  bool has_keyframe(uint32_t slot) const { return slot < header_.keyframes.slots && slots_[slot] != Slot::kEmpty; }
+  bool has_live_keyframe(uint32_t slot) const { return slot < header_.keyframes.slots && slots_[slot] == Slot::kLive; }
+
+  Status check_anchors() const {
+    uint32_t erased = 0;
+    for (uint32_t slot = 0; slot < header_.keyframes.slots; ++slot) {
+      if (slots_[slot] != Slot::kErased) continue;
+      ++erased;
+      if (!has_live_keyframe(anchors_[slot]))
+        return refused("an erased keyframe of the map follows one that is not there");
+    }
+    if (erased != header_.erased) return refused("the map's counts do not fit its keyframes");
+    if (!has_live_keyframe(0)) return refused("the map's first keyframe, its datum, is missing");
+    return {};
+  }
+
+  bool read_pose(SE3* T) {
+    for (int i = 0; i < 9; ++i) T->R(i / 3, i % 3) = in_.f32();
+    in_.vector(&T->t);
+    return is_rotation(T->R);
+  }
 
   bool read_px(Vector2f* px) {
     in_.vector(px);
@@ -381,26 +424,35 @@ class Body {
   Status read_keyframe(int slot, uint32_t id) {
     const uint32_t flags = in_.u32();
     const int64_t timestamp_ns = static_cast<int64_t>(in_.u64());
-    SE3 T_kw;
-    for (int i = 0; i < 9; ++i) T_kw.R(i / 3, i % 3) = in_.f32();
-    in_.vector(&T_kw.t);
+    SE3 T_kw, T_anchor;
+    bool rotations = read_pose(&T_kw);
     Vector6f velocity, velocity_prior;
     in_.vector(&velocity);
     in_.vector(&velocity_prior);
     const float mean_depth = in_.f32();
+    const bool erased = flags == kErasedFlag;
+    uint32_t anchor = 0;
+    if (erased) {
+      anchor = in_.u32();
+      rotations = read_pose(&T_anchor) && rotations;
+    }
     const CameraModel& camera = header_.camera;
     const auto pixels = in_.bytes(static_cast<size_t>(camera.width) * static_cast<size_t>(camera.height));
     if (in_.failed()) return refused("the map's entries do not fill the file");
-    if (flags != 0) return refused("a keyframe of the map has flags that this program does not know");
-    if (!is_rotation(T_kw.R)) return refused("a keyframe of the map has a rotation that is none");
-    if (!small_enough(T_kw.t) || !small_enough(velocity) || !small_enough(velocity_prior))
+    if (flags != 0 && !erased) return refused("a keyframe of the map has flags that this program does not know");
+    if (!rotations) return refused("a keyframe of the map has a rotation that is none");
+    if (!small_enough(T_kw.t) || !small_enough(T_anchor.t) || !small_enough(velocity) || !small_enough(velocity_prior))
       return refused("a keyframe of the map has a position or velocity that is not a usable number");
     if (!within(mean_depth, kLeastDepth, kLargest))
       return refused("a keyframe of the map has a mean depth that is not a usable number");
-    present_[static_cast<size_t>(slot)] = true;
+    slots_[static_cast<size_t>(slot)] = erased ? Slot::kErased : Slot::kLive;
+    anchors_[static_cast<size_t>(slot)] = anchor;
     if (!map_) return {};
     Keyframe& keyframe = map_->keyframes[slot];
     keyframe.id = id;
+    keyframe.erased = erased;
+    keyframe.anchor = erased ? static_cast<int16_t>(anchor) : int16_t{-1};
+    keyframe.T_anchor = T_anchor;
     keyframe.timestamp_ns = timestamp_ns;
     keyframe.T_kw = T_kw;
     keyframe.velocity = velocity;
@@ -433,10 +485,12 @@ class Body {
       const uint32_t keyframe = in_.u32();
       const bool inside = read_px(&m.px);
       m.sigma = in_.f32();
-      if (!has_keyframe(keyframe)) return refused("a map point was measured in a keyframe that is not there");
+      m.weight = in_.f32();
+      if (!has_live_keyframe(keyframe)) return refused("a map point was measured in a keyframe that is not there");
       m.keyframe = static_cast<int16_t>(keyframe);
       if (!inside) return refused("a map point was measured outside of the image");
       if (!within(m.sigma, 1, kLargestSigma_px)) return refused("a measurement's sigma is not within 1 to 16 pixels");
+      if (!within(m.weight, 0, 1)) return refused("a measurement's weight is not within 0 to 1");
       for (const Measurement& other : point.measurements)
         if (other.keyframe == m.keyframe) return refused("a map point was measured twice in one keyframe");
       point.measurements.push_back(m);
@@ -467,7 +521,8 @@ class Body {
   const Header& header_;
   const Config& config_;
   Map* map_ = nullptr;
-  std::array<bool, kMostKeyframes> present_ = {};
+  std::array<Slot, kMostKeyframeSlots> slots_ = {};
+  std::array<uint32_t, kMostKeyframeSlots> anchors_ = {};
 };
 
 }  // namespace
@@ -495,10 +550,12 @@ Status read_map_info(std::span<const std::byte> file, MapInfo* info) {
   info->version = static_cast<int>(header.version);
   info->camera = header.camera;
   info->shutter = header.shutter;
-  info->keyframes = static_cast<int>(header.keyframes.entries);
+  info->keyframes = static_cast<int>(header.keyframes.entries - header.erased);
+  info->erased_keyframes = static_cast<int>(header.erased);
   info->map_points = static_cast<int>(header.points.entries);
   info->partial_points = static_cast<int>(header.partial_points.entries);
-  info->min_keyframes = static_cast<int>(header.keyframes.slots);
+  info->min_keyframes = info->keyframes;
+  info->min_erased_keyframes = static_cast<int>(header.keyframes.slots) - info->keyframes;
   info->min_map_points = static_cast<int>(header.points.slots);
   info->min_partial_points = static_cast<int>(header.partial_points.slots);
   return {};

@@ -21,7 +21,8 @@ Vector6f prior_information(float mean_depth) {
 
 BundleCapacity capacity(const Config& config) {
   BundleCapacity capacity;
-  capacity.cameras = config.max_keyframes;
+  // One a slot of Map::keyframes, so that indices are the same; erased and empty ones are neither free nor observed.
+  capacity.cameras = config.max_keyframes + 1 + config.max_erased_keyframes;
   capacity.points = config.max_map_points;
   capacity.observations = config.max_map_points * kMaxMeasurements;
   capacity.observations_per_point = kMaxMeasurements + 1;
@@ -41,7 +42,7 @@ BundleAdjuster::BundleAdjuster(Arena& arena, const Config& config, Map& map, Wor
 
 Task BundleAdjuster::run(int newest, bool velocities, int max_iterations) {
   result_ = BundleResult();
-  const bool few = newest >= 0 || map_.keyframes.size() <= kMaxVelocityCameras;
+  const bool few = newest >= 0 || map_.live_count() <= kMaxVelocityCameras;
   co_await gather(newest, velocities && few && config_.shutter.line_time_s != 0);
   if (!engine_.assign_columns() || engine_.columns() == 0 || engine_.points().size() < kMinPoints) co_return;
   co_await engine_.start(BundleOptions());
@@ -124,8 +125,9 @@ void BundleAdjuster::free_cameras(int newest, bool velocities) {
   FixedVector<Engine::Camera>& cameras = engine_.cameras();
   if (newest < 0) {
     for (int k = 0; k < cameras.size(); ++k) {
-      cameras[k].pose_free = k > 0;
-      cameras[k].velocity_free = velocities;
+      const bool live = map_.keyframes[k].live();
+      cameras[k].pose_free = live && k > 0;
+      cameras[k].velocity_free = live && velocities;
     }
     return;
   }
@@ -134,7 +136,7 @@ void BundleAdjuster::free_cameras(int newest, bool velocities) {
     int best = -1;
     float best_distance = 0;
     for (int k = 1; k < cameras.size(); ++k) {
-      if (cameras[k].pose_free) continue;
+      if (cameras[k].pose_free || !map_.keyframes[k].live()) continue;
       const float distance = k == newest ? -1 : (map_.keyframes[k].T_kw.centre() - centre).squaredNorm();
       if (best < 0 || distance < best_distance) {
         best = k;
@@ -173,10 +175,12 @@ void BundleAdjuster::commit() {
     if (camera.velocity_free || !map_.ready) map_.keyframes[k].velocity = camera.now.velocity;
   }
   for (int i = 0; i < point_indices_.size(); ++i) map_.points[point_indices_[i]].p_w = engine_.points()[i].p;
-  meter_.charge(Work::kOther, 20LL * point_indices_.size());
+  map_.follow_anchors();
+  meter_.charge(Work::kOther, 20LL * point_indices_.size() + 200LL * map_.erased_count());
 }
 
-// Zero-weight measurements are forgotten; a point whose source view is one, or which is left with fewer than two, goes.
+// Measurements keep their weights; those of zero are forgotten. A point whose source view is one, or which is left with
+// fewer than two, goes.
 Task BundleAdjuster::discard_outliers() {
   for (int i = 0; i < point_indices_.size(); ++i) {
     const Engine::Point& entry = engine_.points()[i];
@@ -185,6 +189,7 @@ Task BundleAdjuster::discard_outliers() {
     bool source_is_outlier = false;
     for (int k = entry.first; k < entry.first + entry.count; ++k) {
       const Engine::Observation& o = engine_.observations()[k];
+      point.measurements[o.tag].weight = o.weight;
       if (o.weight != 0) continue;
       outlier[o.tag] = true;
       source_is_outlier |= o.camera == point.source.keyframe;

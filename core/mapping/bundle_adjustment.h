@@ -30,9 +30,10 @@ class BundleAdjuster {
  public:
   BundleAdjuster(Arena& arena, const Config& config, Map& map, WorkMeter& meter, Background& background);
 
-  // Adjusts all keyframes but the first's pose (newest = -1), or the newest and its four nearest with the others fixed
-  // [ptam 6.3]; their velocities too if asked for. Afterwards removes measurements of zero weight and points left with
-  // fewer than two. A coroutine of `background`. result may be read when it has ended.
+  // Adjusts all live keyframes but the first's pose (newest = -1), or the newest and its four nearest with the others
+  // fixed [ptam 6.3]; their velocities too if asked for. Afterwards removes measurements of zero weight and points left
+  // with fewer than two. Erased keyframes follow every step. A coroutine of `background`. result may be read when it
+  // has ended.
   Task run(int newest, bool velocities, int max_iterations);
   const BundleResult& result() const { return result_; }
 

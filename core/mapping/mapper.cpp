@@ -39,6 +39,7 @@ Mapper::Mapper(Arena& arena, const Config& config, Map& map, WorkMeter& meter)
       config_(config),
       map_(map),
       bundle_(arena, config, map, meter, *this),
+      culler_(arena, config, map, meter, *this),
       corner_detector_(arena, config.camera.width, config.camera.height),
       pose_points_(arena, 250),
       occupied_(arena, config.max_map_points + config.max_partial_points) {}
@@ -72,6 +73,10 @@ Task Mapper::run() {
   for (;;) {
     if (map_.exists() && !map_.ready) {
       co_await finish_initial_map();
+    } else if (map_.live_count() > config_.max_keyframes) {  // an insertion was given up half-way
+      co_await make_room();
+    } else if (map_.erased_count() > config_.max_erased_keyframes) {  // likewise
+      co_await culler_.forget_surplus();
     } else if (map_.queued > 0) {
       co_await insert_keyframe();
     } else if (local_pending_) {
@@ -83,7 +88,7 @@ Task Mapper::run() {
       if (!bundle_.result().converged) full_pending_ = true;
       if (bundle_.result().converged) {
         co_await discard_unreliable_points();
-        if (map_.keyframes.size() > kMaxVelocityCameras && velocity_rounds_ < kVelocityRounds) {
+        if (map_.live_count() > kMaxVelocityCameras && velocity_rounds_ < kVelocityRounds) {
           ++velocity_rounds_;
           co_await update_velocities();
           full_pending_ = true;
@@ -324,17 +329,40 @@ Task Mapper::insert_keyframe() {
     MapPoint& point = map_.points[m.point];
     if (point.id != m.point_id) continue;
     point.measurements.push_back({m.px, m.sigma, static_cast<int16_t>(keyframe)});
-    cull_measurements(map_, config_.camera, point);
   }
-  meter_.charge(Work::kBundleProjection, candidate.measurements.size());
+  meter_.charge(Work::kOther, 60LL * candidate.measurements.size());
   map_.pop_queue();
+  if (map_.live_count() > config_.max_keyframes) co_await make_room();
+  if (!map_.keyframes[keyframe].live()) co_return;
+  for (MapPoint& point : map_.points) {
+    cull_measurements(map_, config_.camera, point, meter_);
+    co_await slice();
+  }
   newest_ = keyframe;
   co_await measure_remaining_points(keyframe);
   co_await promote_partial_points(keyframe);
   co_await add_partial_points(keyframe);
-  local_pending_ = map_.keyframes.size() >= kFullFromKeyframes;
+  local_pending_ = map_.live_count() >= kFullFromKeyframes;
   full_pending_ = true;
   velocity_rounds_ = 0;
+}
+
+// One keyframe too many: the least useful one goes [phone 3.3]. If none can, the newest one does, and the map is full.
+Task Mapper::make_room() {
+  co_await culler_.choose();
+  int gone = culler_.chosen();
+  if (gone >= 0) {
+    map_.limits_hit &= ~static_cast<uint32_t>(kLimitKeyframes);
+    co_await culler_.erase(gone);
+    co_await culler_.forget_surplus();
+    co_return;
+  }
+  map_.limits_hit |= kLimitKeyframes;
+  for (int k = 0; k < map_.keyframes.size(); ++k)
+    if (map_.keyframes[k].live() && (gone < 0 || map_.keyframes[k].id > map_.keyframes[gone].id)) gone = k;
+  map_.erase_keyframe(gone);
+  map_.forget_keyframe(gone);
+  meter_.charge(Work::kOther, 50LL * map_.points.size());
 }
 
 // The tracker measures 50 points of a frame; the others that should be visible are searched now.
@@ -356,14 +384,15 @@ Task Mapper::measure_remaining_points(int keyframe) {
     if (find_point(map_, config_.camera, point.source, point.p_w, T_line, map_.keyframes[keyframe].pyramid, px, options,
                    meter_, &found) == SearchOutcome::kFound) {
       point.measurements.push_back({found.px, found.sigma, static_cast<int16_t>(keyframe)});
-      cull_measurements(map_, config_.camera, point);
+      cull_measurements(map_, config_.camera, point, meter_);
     }
     co_await slice();
   }
 }
 
 // Partial points that the new keyframe sees are triangulated from their original keyframe and become map points; what
-// the filter knew was good for finding them only [phone 5.2].
+// the filter knew was good for finding them only [phone 5.2]. One whose keyframe has been erased is measured in the
+// live keyframe nearest to that as well: it needs two.
 Task Mapper::promote_partial_points(int keyframe) {
   for (PartialPoint& partial : map_.partial_points) {
     if (partial.id == 0 || partial.source.keyframe == keyframe) continue;
@@ -412,12 +441,28 @@ Task Mapper::promote_partial_points(int keyframe) {
       ++partial.attempts;  // off the epipolar line: another patch
       continue;
     }
+    p_w = T_ws * triangulated.p_1;
+    Measurement first{partial.source.px, 2.0f, partial.source.keyframe};
+    if (!source.live()) {
+      first.keyframe = static_cast<int16_t>(map_.nearest_live(partial.source.keyframe, keyframe));
+      FoundPatch again;
+      options.radius_px = 4;
+      if (!predict_in_keyframe(first.keyframe, p_w, &px, &T_line) ||
+          find_point(map_, config_.camera, partial.source, p_w, T_line, map_.keyframes[first.keyframe].pyramid, px,
+                     options, meter_, &again) != SearchOutcome::kFound ||
+          (again.px - px).norm() > kMaxPromotionError_px) {
+        ++partial.attempts;
+        continue;
+      }
+      first.px = again.px;
+      first.sigma = again.sigma;
+    }
     const int index = map_.add_point();
     if (index < 0) co_return;
     MapPoint& point = map_.points[index];
-    point.p_w = T_ws * triangulated.p_1;
+    point.p_w = p_w;
     point.source = partial.source;
-    point.measurements.push_back({partial.source.px, 2.0f, partial.source.keyframe});
+    point.measurements.push_back(first);
     point.measurements.push_back({found.px, found.sigma, static_cast<int16_t>(keyframe)});
     partial = PartialPoint();
   }
@@ -479,6 +524,7 @@ Task Mapper::update_velocities() {
   if (config_.shutter.line_time_s == 0) co_return;
   for (int k = 0; k < map_.keyframes.size(); ++k) {
     Keyframe& keyframe = map_.keyframes[k];
+    if (!keyframe.live()) continue;
     gather_pose_points(k, pose_points_.capacity());
     VelocityPrior prior;
     prior.mean = keyframe.velocity_prior;

@@ -2,13 +2,15 @@
 //
 //   a new map is bundle adjusted and laid on its dominant plane;
 //   a new keyframe is inserted: measurements taken over, remaining visible points searched, partial points promoted,
-//   new corners become partial points; then bundle adjustment, local and full; then bad points go.
+//   new corners become partial points; then bundle adjustment, local and full; then bad points go;
+//   where there are too many keyframes one goes, or the newcomer if none can.
 #pragma once
 
 #include "geometry/pose_update.h"
 #include "image/corners.h"
 #include "map/map.h"
 #include "mapping/bundle_adjustment.h"
+#include "mapping/culling.h"
 #include "scheduler/task.h"
 
 namespace pptam {
@@ -26,6 +28,7 @@ class Mapper : public Background {
   Task locate_initial_views(bool* good);
   Task measure_initial_velocities();
   Task insert_keyframe();
+  Task make_room();
   Task measure_remaining_points(int keyframe);
   Task promote_partial_points(int keyframe);
   Task add_partial_points(int keyframe);
@@ -39,6 +42,7 @@ class Mapper : public Background {
   const Config& config_;
   Map& map_;
   BundleAdjuster bundle_;
+  KeyframeCuller culler_;
   CornerDetector corner_detector_;
   FixedVector<PosePoint> pose_points_;
   FixedVector<Vector2f> occupied_;  // level-0 pixels of a keyframe that already have a point

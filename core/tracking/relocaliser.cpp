@@ -1,5 +1,7 @@
 #include "tracking/relocaliser.h"
 
+#include <algorithm>
+
 namespace pptam {
 
 namespace {
@@ -20,33 +22,35 @@ int64_t zmssd(const GreyView& a, const GreyView& b) {
 }  // namespace
 
 RelocalisationCandidate propose_pose(const Map& map, FullFrameRotation& full_frame_rotation, const GreyView& small,
-                                     int rank, WorkMeter& meter) {
+                                     int attempt, WorkMeter& meter) {
   RelocalisationCandidate candidate;
-  // Keyframes in the order of (score, index): walk to the rank-th.
-  int64_t last_score = -1;
-  int last_index = -1;
-  for (int r = 0; r <= rank; ++r) {
-    int best = -1;
-    int64_t best_score = 0;
-    for (int k = 0; k < map.keyframes.size(); ++k) {
-      const int64_t score = zmssd(map.keyframes[k].small, small);
-      if (score < last_score || (score == last_score && k <= last_index)) continue;
-      if (best < 0 || score < best_score) {
-        best = k;
-        best_score = score;
-      }
-    }
-    meter.charge(Work::kRotationPixel, static_cast<int64_t>(map.keyframes.size()) * small.width * small.height / 20);
-    if (best < 0) return candidate;
-    last_score = best_score;
-    last_index = best;
+  const int parts = (map.keyframes.size() + kComparedKeyframes - 1) / kComparedKeyframes;
+  if (parts == 0) return candidate;
+  const int first = attempt / kRelocalisationRanks % parts * kComparedKeyframes;
+  const int end = std::min(first + kComparedKeyframes, map.keyframes.size());
+  int64_t score[kComparedKeyframes];
+  int compared = 0;
+  for (int k = first; k < end; ++k) {
+    score[k - first] = -1;
+    if (map.keyframes[k].id == 0) continue;
+    score[k - first] = zmssd(map.keyframes[k].small, small);
+    ++compared;
   }
-  const Keyframe& keyframe = map.keyframes[last_index];
+  meter.charge(Work::kRotationPixel, static_cast<int64_t>(compared) * small.width * small.height / 20);
+  int best = -1;
+  for (int rank = 0; rank <= attempt % kRelocalisationRanks; ++rank) {
+    if (best >= 0) score[best - first] = -1;  // that was the rank before
+    best = -1;
+    for (int k = first; k < end; ++k)
+      if (score[k - first] >= 0 && (best < 0 || score[k - first] < score[best - first])) best = k;
+    if (best < 0) return candidate;
+  }
+  const Keyframe& keyframe = map.keyframes[best];
   const RotationEstimate rotation =
       full_frame_rotation.estimate(keyframe.small, small, Matrix3f::Identity(), Vector3f::Zero());
   meter.charge(Work::kRotationPixel, static_cast<int64_t>(rotation.iterations) * small.width * small.height);
   if (!rotation.near) return candidate;  // what is left of it is less than the tracker's wide search
-  candidate.keyframe = last_index;
+  candidate.keyframe = best;
   candidate.T_cw = SE3(rotation.R_cp, Vector3f::Zero()) * keyframe.T_kw;
   return candidate;
 }

@@ -43,6 +43,7 @@ constexpr float kMinScale = 0.4f, kMaxScale = 2.5f;  // distance ratios that a w
 constexpr float kKeyframeDistanceNew = 0.004f, kKeyframeDistanceFull = 0.18f;
 constexpr float kKeyframeMinDistance = 0.004f;
 constexpr float kSparseViewFraction = 0.6f;
+constexpr float kFullInterval_s = 2.0f;    // a map that had none to spare is asked again after this time
 constexpr float kKeyframeCosTurn = 0.98f;  // 11.5 degrees: views turned by more do not count as near
 
 constexpr int kMaxPartialFailures = 12;
@@ -122,7 +123,7 @@ void Tracker::reset() {
 void Tracker::begin_lost() {
   state_ = TrackingState::kLost;
   hint_ = Hint::kReturnToKnownView;
-  relocalise_rank_ = 0;
+  relocalise_attempt_ = 0;
   next_partial_ = 0;
   transform_count_ = map_.transform_count;
   last_keyframe_ns_ = INT64_MIN;  // the map's timestamps are another recording's
@@ -182,7 +183,8 @@ TrackResult Tracker::track(const Frame& frame, const Clock* clock) {
   result.state = state_;
   result.hint = hint_;
   result.limits_hit |= map_.limits_hit;
-  result.keyframes = map_.keyframes.size();
+  result.keyframes = std::min(map_.live_count(), config_.max_keyframes);  // one more while culling decides
+  result.erased_keyframes = map_.erased_count();
   result.map_points = map_.point_count();
   if (result.points.empty()) result.points = observed_;
   return result;
@@ -306,8 +308,9 @@ void Tracker::select_points(const SE3& T_cw) {
   selected_.clear();
   int projected = 0;
   const Vector3f centre = T_cw.centre();
-  Vector3f source_centre[64];
-  const int cached = std::min(map_.keyframes.size(), 64);
+  constexpr int kCachedCentres = 96;
+  Vector3f source_centre[kCachedCentres];
+  const int cached = std::min(map_.keyframes.size(), kCachedCentres);
   for (int k = 0; k < cached; ++k) source_centre[k] = map_.keyframes[k].T_kw.centre();
   for (int i = 0; i < map_.points.size(); ++i) {
     const MapPoint& point = map_.points[i];
@@ -487,7 +490,7 @@ void Tracker::track_with_map(float dt_s, TrackResult* result) {
     ++bad_frames_;
     if (confirming || bad_frames_ >= kBadFramesUntilLost) {
       confirm_ = 0;
-      relocalise_rank_ = 0;
+      relocalise_attempt_ = 0;
       if (map_.ready) {
         state_ = TrackingState::kLost;
         hint_ = Hint::kReturnToKnownView;
@@ -589,10 +592,9 @@ void Tracker::accept(const PoseUpdate& pose, float dt_s) {
 }
 
 void Tracker::relocalise(TrackResult* result) {
-  constexpr int kCandidates = 3;
   velocity_.setZero();
-  const RelocalisationCandidate candidate = propose_pose(map_, full_frame_rotation_, small_, relocalise_rank_, meter_);
-  relocalise_rank_ = (relocalise_rank_ + 1) % kCandidates;
+  const RelocalisationCandidate candidate =
+      propose_pose(map_, full_frame_rotation_, small_, relocalise_attempt_++, meter_);
   mark_stage(Stage::kInitialise, result);
   if (candidate.keyframe < 0) return;
   mean_depth_ = map_.keyframes[candidate.keyframe].mean_depth;
@@ -682,11 +684,10 @@ void Tracker::update_partial_points(TrackResult* result) {
 
 bool Tracker::wants_keyframe(const MapTracking& tracking) const {
   if (map_.held || map_.queued >= map_.queue.size()) return false;
-  if (map_.keyframes.size() + map_.queued >= map_.keyframes.capacity()) {
-    map_.limits_hit |= kLimitKeyframes;
-    return false;
-  }
-  if (elapsed_s(last_keyframe_ns_, timestamp_ns_) < config_.min_keyframe_interval_s) return false;
+  const bool full = map_.limits_hit & kLimitKeyframes;
+  const float interval_s =
+      full ? std::max(kFullInterval_s, config_.min_keyframe_interval_s) : config_.min_keyframe_interval_s;
+  if (elapsed_s(last_keyframe_ns_, timestamp_ns_) < interval_s) return false;
   if (good_frames_ < 2) return false;
   const Vector3f centre = T_cw_.centre();
   const Vector3f axis = T_cw_.R.row(2).transpose();
@@ -696,11 +697,12 @@ bool Tracker::wants_keyframe(const MapTracking& tracking) const {
     const float distance = (T_kw.centre() - centre).norm();
     if (axis.dot(T_kw.R.row(2).transpose()) > kKeyframeCosTurn) nearest_alike = std::min(nearest_alike, distance);
   };
-  for (const Keyframe& keyframe : map_.keyframes) consider(keyframe.T_kw);
+  for (const Keyframe& keyframe : map_.keyframes)
+    if (keyframe.id != 0) consider(keyframe.T_kw);  // erased ones too: a second one there would go the same way
   for (int i = 0; i < map_.queued; ++i) consider(map_.queue[i].frame.T_kw);
   const bool sparse =
       static_cast<float>(tracking.visible) < kSparseViewFraction * static_cast<float>(selected_.capacity());
-  const float fill = static_cast<float>(map_.keyframes.size()) / static_cast<float>(map_.keyframes.capacity());
+  const float fill = static_cast<float>(map_.live_count()) / static_cast<float>(config_.max_keyframes);
   const float far = kKeyframeDistanceNew + (kKeyframeDistanceFull - kKeyframeDistanceNew) * fill;
   if (nearest_alike > far * mean_depth_) return true;
   return sparse && nearest_alike > kKeyframeMinDistance * mean_depth_;

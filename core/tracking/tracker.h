@@ -96,7 +96,7 @@ class Tracker {
   int bad_frames_ = 0;
   int good_frames_ = 0;  // in a row
   int confirm_ = 0;      // frames of a relocalisation that have held
-  int relocalise_rank_ = 0;
+  int relocalise_attempt_ = 0;
   int64_t last_keyframe_ns_ = 0;
 
   Vector3f last_turn_ = Vector3f::Zero();  // rotation rate that the full frame showed, radians/s

@@ -8,6 +8,8 @@
 #include <optional>
 
 #include "platform/app/console.h"
+#include "platform/app/culling_study.h"
+#include "platform/app/endurance.h"
 #include "platform/app/evaluation.h"
 #include "platform/app/map_command.h"
 #include "platform/app/overlay.h"
@@ -228,6 +230,9 @@ void add_run_options(CLI::App* command, RunOptions* run, OutputOptions* output) 
                    "Of the first view from the dominant plane, in any unit: sets the map's scale")
       ->check(CLI::Range(0.001, 1000.0))
       ->type_name("LENGTH");
+  command->add_option("--max-keyframes", run->max_keyframes, "Config::max_keyframes [35]")->type_name("N");
+  command->add_option("--max-erased-keyframes", run->max_erased_keyframes, "Config::max_erased_keyframes [35]")
+      ->type_name("N");
   command->add_flag_callback(
       "--no-damping", [run] { run->steady_damping = false; }, "Show every pose as measured, also of a camera at rest");
   command->add_option("--load-map", run->load_map, "Begin with a map saved earlier, made with this very camera")
@@ -320,7 +325,8 @@ int run_program(int argc, char** argv) {
           ->type_name("NAME")
           ->expected(1)
           ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
-  sim->add_option("--scene", chosen_scenes, listed(sim::scene_names()) + "; may be repeated with --suite [desk]")
+  sim->add_option("--scene", chosen_scenes,
+                  listed(sim::scene_names()) + "; may be repeated with --suite and --study culling [desk]")
       ->type_name("NAME")
       ->expected(1)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
@@ -348,7 +354,10 @@ int run_program(int argc, char** argv) {
   CLI::Option* suite_flag =
       sim->add_flag("--suite", suite, "All stories, or those and the scenes named, with several seeds, as a table");
   CLI::Option* study_option =
-      sim->add_option("--study", study, "init: many short starts of several kinds, as a table and plots")
+      sim->add_option(
+             "--study", study,
+             "init: many short starts of several kinds, as a table and plots; culling: exploring runs with and without "
+             "culling of keyframes, as a table")
           ->type_name("NAME")
           ->excludes(suite_flag);
   sim->add_option("--kind", study_options.kinds, listed(study_kinds()) + "; may be repeated, for --study [all]")
@@ -373,6 +382,18 @@ int run_program(int argc, char** argv) {
                 "In the suite, exploring stories also with a global shutter, and with a rolling one that the system is "
                 "not told of")
       ->needs(suite_flag);
+  EnduranceOptions endurance;
+  CLI::Option* endurance_option =
+      sim->add_option("--endurance", endurance.minutes,
+                      "Long life: a lap of a minute through the scene, rendered once, is seen round and round for so "
+                      "many minutes, with cuts and a covered lens; judged by the minute. Exit code 1 when accuracy or "
+                      "cost do not hold")
+          ->type_name("MINUTES")
+          ->excludes(story_option)
+          ->excludes(suite_flag)
+          ->excludes(study_option);
+  sim->add_flag("--twice", endurance.twice, "With --endurance: a second run must give the same maps")
+      ->needs(endurance_option);
   add_run_options(sim, &run, &output);
   sim->footer(story_list +
               "Examples:\n"
@@ -384,7 +405,9 @@ int run_program(int argc, char** argv) {
               "  pocket-ptam sim --load-map desk.map --lock-map --seed 2 --scene-seed 1\n"
               "  pocket-ptam sim --suite --seeds 5 --jobs 2 --compare\n"
               "  pocket-ptam sim --suite --story orbit --story zoom --seeds 20\n"
-              "  pocket-ptam sim --study init --seeds 20 --jobs 2");
+              "  pocket-ptam sim --study init --seeds 20 --jobs 2\n"
+              "  pocket-ptam sim --study culling --scene desk --scene walls --seeds 50 --jobs 2\n"
+              "  pocket-ptam sim --endurance 60 --scene desk --twice");
 
   CLI::App* replay = app.add_subcommand("replay", "Run on a recorded sequence");
   RecordingInput input;
@@ -509,7 +532,7 @@ int run_program(int argc, char** argv) {
       if (no_noise) options.repeat_options += " --no-noise";
       return run_suite(options) == 0 ? kExitOk : kExitBroken;
     }
-    if (chosen_stories.size() + chosen_scenes.size() > 1)
+    if (chosen_stories.size() + chosen_scenes.size() > 1 && study != "culling")
       throw InputError("several --story or --scene belong to --suite");
     if (!chosen_scenes.empty()) phone.scene = chosen_scenes.front();
     if (!chosen_stories.empty()) {
@@ -519,7 +542,17 @@ int run_program(int argc, char** argv) {
       phone = told;
     }
     if (!study.empty()) {
-      if (study != "init") throw InputError("--study " + study + ": there is only init");
+      if (study == "culling") {
+        CullingStudyOptions culling;
+        culling.scenes = chosen_scenes;
+        culling.seeds = seeds;
+        culling.jobs = jobs;
+        culling.phone = phone;
+        if (!duration_s) culling.phone.duration_s = 60;
+        culling.run = run;
+        return run_culling_study(culling) ? kExitOk : kExitBroken;
+      }
+      if (study != "init") throw InputError("--study " + study + ": there are init and culling");
       study_options.seeds = seeds;
       study_options.jobs = jobs;
       study_options.out = output.out.empty() ? "out/study" : output.out;
@@ -529,6 +562,11 @@ int run_program(int argc, char** argv) {
     }
     if (!suite && (seeds_option->count() > 0 || jobs_option->count() > 0))
       throw InputError("--seeds and --jobs belong to --suite or --study");
+    if (endurance_option->count() > 0) {
+      endurance.phone = phone;
+      endurance.run = run;
+      return run_endurance(endurance) ? kExitOk : kExitBroken;
+    }
     sim::check_phone_options(phone);
     const auto scene =
         std::make_shared<const sim::Scene>(sim::make_scene(phone.scene, phone.scene_seed.value_or(phone.seed)));

@@ -41,6 +41,7 @@ class LoadedMap {
     Config config = Config::phone(info_.camera);
     config.shutter = info_.shutter;
     config.max_keyframes = std::max(config.max_keyframes, info_.min_keyframes);
+    config.max_erased_keyframes = std::max(config.max_erased_keyframes, info_.min_erased_keyframes);
     config.max_map_points = std::max(config.max_map_points, info_.min_map_points);
     config.max_partial_points = std::max(config.max_partial_points, info_.min_partial_points);
     require(config.validate());
@@ -195,7 +196,7 @@ void print_map_info(const std::filesystem::path& file) {
                       ? std::string("global")
                       : format("%s:%c:%.6g", columns ? "columns" : "rows", shutter.line_time_s > 0 ? '+' : '-',
                                std::abs(shutter.line_time_s) * (columns ? camera.width : camera.height))});
-  rows.push_back({"keyframes", format("%d", info.keyframes)});
+  rows.push_back({"keyframes", format("%d, and %d erased", info.keyframes, info.erased_keyframes)});
   Eigen::AlignedBox3f box;
   for (const MapPointInfo& point : map.points()) box.extend(point.p_w);
   std::string extent;

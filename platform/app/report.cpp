@@ -370,7 +370,8 @@ std::vector<SummaryRow> summarise(const RunLog& log, const RunSummary& summary) 
   if (first != nullptr) {
     rows.push_back({"tracked since then", format("%.1f %% of the frames", 100 * log.tracked_fraction())});
     rows.push_back({"reprojection error", format("%.2f px rms", log.reprojection_px())});
-    rows.push_back({"map", format("%zu keyframes, %zu points", log.keyframes.size(), log.map_points.size())});
+    rows.push_back({"map", format("%zu keyframes, %zu points", log.keyframes.size(), log.map_points.size()) +
+                               (log.map_parts > 1 ? format(", fallen into %d parts", log.map_parts) : "")});
     rows.push_back(
         {"a tracked frame", format("%.1f ms, %.1f at worst (%s clock); %.2f million instructions (modelled)",
                                    cost.mean_ms, cost.worst_ms, name_of(log.clock), cost.mean_minstructions)});

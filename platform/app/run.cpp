@@ -122,6 +122,7 @@ FrameLog log_of(const TrackResult& result) {
   log.partial_attempted = result.partial_attempted;
   log.partial_found = result.partial_found;
   log.keyframes = result.keyframes;
+  log.erased_keyframes = result.erased_keyframes;
   log.map_points = result.map_points;
   std::copy(std::begin(result.stage_ns), std::end(result.stage_ns), std::begin(log.stage_ns));
   return log;
@@ -166,17 +167,17 @@ void close_checked(std::ofstream& stream, const std::filesystem::path& file) {
 void write_frames(const RunLog& log, const std::filesystem::path& file) {
   std::ofstream out = open_for_writing(file);
   out << "frame,timestamp,state,quality,hint,progress,attempted,found,inliers,partial_attempted,partial_found,"
-         "keyframes,"
+         "keyframes,erased_keyframes,"
          "map_points,blurred,keyframe_added,limits,instructions";
   for (int s = 0; s < kStages; ++s) out << ',' << name_of(static_cast<Stage>(s)) << "_us";
   out << ",track_us,late_us,mapping_us,idle_slices\n";
   char line[512];
   for (const FrameLog& f : log.frames) {
-    std::snprintf(line, sizeof line, "%d,%.6f,%s,%s,%s,%.3f,%d,%d,%d,%d,%d,%d,%d,%d,%d,", f.index,
+    std::snprintf(line, sizeof line, "%d,%.6f,%s,%s,%s,%.3f,%d,%d,%d,%d,%d,%d,%d,%d,%d,%d,", f.index,
                   1e-9 * static_cast<double>(f.timestamp_ns), name_of(f.state), name_of(f.quality), name_of(f.hint),
                   static_cast<double>(f.progress), f.points_attempted, f.points_found, f.points_inliers,
-                  f.partial_attempted, f.partial_found, f.keyframes, f.map_points, f.blurred ? 1 : 0,
-                  f.keyframe_added ? 1 : 0);
+                  f.partial_attempted, f.partial_found, f.keyframes, f.erased_keyframes, f.map_points,
+                  f.blurred ? 1 : 0, f.keyframe_added ? 1 : 0);
     out << line << limit_names(f.limits_hit) << ',' << f.instructions;
     for (const int64_t ns : f.stage_ns) out << ',' << ns / 1000;
     out << ',' << f.track_ns / 1000 << ',' << f.late_ns / 1000 << ',' << f.mapping_ns / 1000 << ',' << f.idle_slices
@@ -196,6 +197,8 @@ RunLog run_sequence(platform::Camera& camera, const RunOptions& options, const S
   config.auto_start = options.auto_start;
   config.initial_plane_distance = static_cast<float>(options.plane_distance);
   config.steady_damping = options.steady_damping;
+  config.max_keyframes = options.max_keyframes.value_or(config.max_keyframes);
+  config.max_erased_keyframes = options.max_erased_keyframes.value_or(config.max_erased_keyframes);
   Status status = config.validate();
   if (!status.ok()) throw InputError(log.camera.name + ": the camera cannot be used: " + status.message());
   const size_t bytes = System::required_bytes(config);
@@ -258,6 +261,7 @@ RunLog run_sequence(platform::Camera& camera, const RunOptions& options, const S
     entry.mapping_ns = idle_to_ns - idle_from_ns;
     entry.idle_slices = slices;
     entry.instructions = system->work_meter().instructions() - start_instructions;
+    if (options.hash_every > 0 && index % options.hash_every == 0) entry.map_hash = system->map_hash();
     log.frames.push_back(entry);
     if (on_frame) on_frame(frame, result, log);
   } while (advance(end_ns));
@@ -267,6 +271,7 @@ RunLog run_sequence(platform::Camera& camera, const RunOptions& options, const S
   log.map_points.resize(static_cast<size_t>(system->map_points({})));
   system->map_points(log.map_points);
   log.map_fit = system->map_fit();
+  log.map_parts = system->map_parts(kHoldingPoints);
   log.map_hash = system->map_hash();
   if (options.save_map) {
     log.saved_map.resize(system->map_bytes());

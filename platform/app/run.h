@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -35,6 +36,8 @@ struct RunOptions {
   std::string load_map;   // file to begin with; empty: none. The first tap by itself is left out then
   bool lock_map = false;  // System::set_locked
   bool save_map = false;  // into RunLog::saved_map at the end
+  int hash_every = 0;     // frames: FrameLog::map_hash; 0: never
+  std::optional<int> max_keyframes, max_erased_keyframes;  // Config's own without them
 };
 
 struct FrameLog {
@@ -54,13 +57,14 @@ struct FrameLog {
   int points_attempted = 0, points_found = 0, points_inliers = 0;
   float reprojection_px = 0;  // rms of the inliers
   int partial_attempted = 0, partial_found = 0;
-  int keyframes = 0, map_points = 0;
+  int keyframes = 0, erased_keyframes = 0, map_points = 0;
   int64_t stage_ns[kStages] = {};
   int64_t track_ns = 0;      // the whole call of track()
   int64_t late_ns = 0;       // from the frame's arrival to its result
   int64_t mapping_ns = 0;    // slices given before this frame
   int idle_slices = 0;       // their number
   int64_t instructions = 0;  // modelled, of track()
+  uint64_t map_hash = 0;     // of every RunOptions::hash_every-th frame of the source
 };
 
 struct RunLog {
@@ -73,6 +77,7 @@ struct RunLog {
   std::vector<MapPointInfo> map_points;
   uint64_t map_hash = 0;
   MapFit map_fit;
+  int map_parts = 0;  // System::map_parts(kHoldingPoints): 1 for a sound map, 0 without one
   int64_t memory_bytes = 0;
   std::vector<std::byte> saved_map;  // if RunOptions ask for it
   std::string save_trouble;          // why it is empty although they do
@@ -85,6 +90,10 @@ struct RunLog {
   double reprojection_px() const;                    // rms over the inliers of the frames with a pose; 0 without one
   double tracked_fraction() const;                   // of the frames from the first tracked one on; 0 without one
 };
+
+// Parts of a map that share fewer points between keyframes are taken to have come apart: three points give a camera's
+// pose, one more makes it unique.
+constexpr int kHoldingPoints = 4;
 
 struct CostSummary {  // of the frames tracked with a map
   double mean_ms = 0, worst_ms = 0;

@@ -26,8 +26,9 @@ using test::SmallMap;
 using Bytes = std::vector<std::byte>;
 
 // Offsets as the header of map_file.h has them; images are 97x81.
-constexpr size_t kHeader = 108, kImage = 97 * 81, kKeyframe = 120 + kImage;
-constexpr size_t kFirstPoint = kHeader + 3 * kKeyframe;
+constexpr size_t kHeader = 112, kImage = 97 * 81, kKeyframe = 120 + kImage;
+constexpr size_t kErased = kHeader + 3 * kKeyframe, kAnchor = 52;
+constexpr size_t kFirstPoint = kErased + kKeyframe + kAnchor;
 
 // A System with its memory.
 class Phone {
@@ -99,6 +100,9 @@ TEST(MapFile, LoadedIsWhatWasSaved) {
     for (int k = 0; k < other.map.keyframes.size(); ++k) {
       const Keyframe &a = original.map.keyframes[k], &b = other.map.keyframes[k];
       EXPECT_EQ(a.id, b.id);
+      if (a.id == 0) continue;
+      EXPECT_EQ(a.erased, b.erased);
+      EXPECT_EQ(a.anchor, b.anchor);
       EXPECT_EQ(a.timestamp_ns, b.timestamp_ns);
       for (int l = 0; l < kPyramidLevels; ++l)
         for (int y = 0; y < a.pyramid.level[l].height; ++y)
@@ -130,9 +134,9 @@ TEST(MapFile, LoadedIsWhatWasSaved) {
 // One number on every target. A change of the format changes it, and needs another version.
 TEST(MapFile, BytesAreTheSameOnEveryTarget) {
   const Bytes file = SmallMap(1).file();
-  EXPECT_EQ(file.size(), 29591u);
+  EXPECT_EQ(file.size(), 38184u);
   const auto checksum = [](const Bytes& bytes) { return get_u32(bytes, bytes.size() - 4); };
-  EXPECT_EQ(checksum(file), 0xD2D88D80u);
+  EXPECT_EQ(checksum(file), 0x402D8F5Bu);
   EXPECT_NE(checksum(SmallMap(2).file()), checksum(file));
 }
 
@@ -151,7 +155,7 @@ TEST(MapFile, LayoutIsAsWritten) {
   EXPECT_EQ(get_u32(file, kFirstPoint + 4), original.map.points[1].id);
   size_t expected = kFirstPoint + 4;
   for (const MapPoint& point : original.map.points)
-    if (point.id != 0) expected += 52 + 16 * static_cast<size_t>(point.measurements.size());
+    if (point.id != 0) expected += 52 + 20 * static_cast<size_t>(point.measurements.size());
   for (const PartialPoint& partial : original.map.partial_points) expected += partial.id != 0 ? 44 : 0;
   EXPECT_EQ(file.size(), expected);
 
@@ -159,6 +163,8 @@ TEST(MapFile, LayoutIsAsWritten) {
   ASSERT_TRUE(read_map_info(file, &info).ok());
   EXPECT_EQ(info.version, 1);
   EXPECT_EQ(info.keyframes, 3);
+  EXPECT_EQ(info.erased_keyframes, 1);
+  EXPECT_EQ(info.min_erased_keyframes, 2) << "slots 3 and 4";
   EXPECT_EQ(info.map_points, 56);
   EXPECT_EQ(info.min_map_points, 59);
   EXPECT_EQ(info.partial_points, 9);
@@ -195,8 +201,8 @@ TEST(MapFile, EveryFaultIsNamed) {
       {"version", u32(8, 0)},
       {"flags", u32(12, 1)},
       {"counts", u32(88, 0)},           // keyframes
-      {"counts", u32(88, 4)},           // more than slots
-      {"counts", u32(84, 4)},           // a slot is empty
+      {"counts", u32(88, 6)},           // more than slots
+      {"counts", u32(108, 4)},          // all erased
       {"counts", u32(96, 0x40000000)},  // points
       {"counts", u32(92, 0xffffffff)},
       {"counts", u32(104, 11)},
@@ -211,11 +217,11 @@ TEST(MapFile, EveryFaultIsNamed) {
       {"size", u32(24, 96)},
       {"slots", u32(kHeader, 1)},  // order
       {"slots", u32(kHeader + kKeyframe, 0)},
-      {"slots", u32(kHeader + 2 * kKeyframe, 3)},
+      {"slots", u32(kHeader + 2 * kKeyframe, 4)},
       {"slots", u32(92, 60)},  // one more than used
       {"impossible id", u32(kHeader + 4, 0)},
       {"impossible id", u32(80, original.map.keyframes[1].id)},  // next_id
-      {"keyframe of the map has flags", u32(kHeader + 8, 1)},
+      {"keyframe of the map has flags", u32(kHeader + 8, 2)},
       {"rotation", f32(kHeader + 20, nan)},
       {"rotation", f32(kHeader + 20, 1.01f)},
       {"rotation", f32(kHeader + 24, 1e30f)},
@@ -228,12 +234,19 @@ TEST(MapFile, EveryFaultIsNamed) {
       {"position or velocity", f32(kHeader + 56, 2e8f)},
       {"position or velocity", f32(kHeader + 68, nan)},
       {"position or velocity", f32(kHeader + 92, -inf)},
+      {"counts do not fit its keyframes", u32(108, 0)},
+      {"follows one that is not there", u32(kErased + 120, 3)},
+      {"follows one that is not there", u32(kErased + 120, 4)},
+      {"follows one that is not there", u32(kErased + 120, 0xffffffff)},
+      {"rotation", f32(kErased + 124, nan)},
+      {"position or velocity", f32(kErased + 160, inf)},
       {"mean depth", f32(kHeader + 116, 0)},
       {"mean depth", f32(kHeader + 116, nan)},
       {"mean depth", f32(kHeader + 116, -1)},
       {"position is not", f32(point + 8, nan)},
       {"position is not", f32(point + 16, 1e9f)},
       {"comes from a keyframe that is not there", u32(point + 20, 3)},
+      {"comes from a keyframe that is not there", u32(point + 20, 5)},
       {"comes from a keyframe that is not there", u32(point + 20, 0xffffffff)},
       {"comes from outside", f32(point + 24, -1)},
       {"comes from outside", f32(point + 28, 81)},
@@ -245,13 +258,16 @@ TEST(MapFile, EveryFaultIsNamed) {
       {"less than two", u32(point + 48, 9)},
       {"less than two", u32(point + 48, 0xffffffff)},
       {"measured in a keyframe that is not there", u32(measurement, 3)},
+      {"measured in a keyframe that is not there", u32(measurement, 4)},  // erased
+      {"weight", f32(measurement + 16, -0.1f)},
+      {"weight", f32(measurement + 16, nan)},
       {"measured in a keyframe that is not there", u32(measurement, 0x10000)},
       {"measured outside", f32(measurement + 4, 97)},
       {"measured outside", f32(measurement + 8, nan)},
       {"sigma", f32(measurement + 12, 0)},
       {"sigma", f32(measurement + 12, nan)},
       {"sigma", f32(measurement + 12, 32)},
-      {"twice", [&](Bytes* file) { put_u32(file, measurement + 16, get_u32(*file, measurement)); }},
+      {"twice", [&](Bytes* file) { put_u32(file, measurement + 20, get_u32(*file, measurement)); }},
       {"comes from a keyframe that is not there", u32(partial + 8, 7)},
       {"comes from outside", f32(partial + 12, inf)},
       {"partial point's depth", f32(partial + 32, 0)},
@@ -280,6 +296,10 @@ TEST(MapFile, EveryFaultIsNamed) {
         << index << ": " << fault.says << ", said: " << status.message();
     EXPECT_EQ(phone.saved(), before) << index << ": " << fault.says;
   }
+  SmallMap without_datum(1);
+  without_datum.map.keyframes[0].erased = true;
+  without_datum.map.keyframes[0].anchor = 1;
+  EXPECT_NE(std::string(phone->load_map(without_datum.file()).message()).find("datum"), std::string::npos);
   const Status status = phone->load_map(good);
   EXPECT_TRUE(status.ok()) << status.message();
   EXPECT_EQ(phone.saved(), good);
@@ -316,13 +336,19 @@ TEST(MapFile, AnotherConfigIsNamedFieldByField) {
   // The least capacities that Config allows hold this map's keyframes and points: the functions are asked themselves.
   for (const bool keyframes : {true, false}) {
     Config config = small_map_config();
-    (keyframes ? config.max_keyframes : config.max_map_points) = keyframes ? 2 : 58;
+    (keyframes ? config.max_keyframes : config.max_map_points) = keyframes ? 1 : 58;
     const std::string says = keyframes ? "Config::max_keyframes" : "Config::max_map_points";
     const Status status = check_map_file(file, config);
     EXPECT_NE(std::string(status.message()).find(says), std::string::npos) << status.message();
     ++(keyframes ? config.max_keyframes : config.max_map_points);
     EXPECT_TRUE(check_map_file(file, config).ok()) << says;
   }
+  Config few = small_map_config();
+  few.max_keyframes = 3;
+  few.max_erased_keyframes = 0;  // four slots and the newcomer's would do, five are used
+  EXPECT_NE(std::string(check_map_file(file, few).message()).find("Config::max_erased_keyframes"), std::string::npos);
+  few.max_erased_keyframes = 1;
+  EXPECT_TRUE(check_map_file(file, few).ok());
   // What does not belong to the map may differ.
   Config config = small_map_config();
   config.exposure_s = 0.01f;

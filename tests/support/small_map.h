@@ -1,5 +1,6 @@
 // A small map made by hand, for tests of map files: a textured wall at depth 1, seen by a few keyframes, with map
-// points and partial points, empty slots between them. Images have odd sizes. Everything follows from the seed.
+// points and partial points, empty slots between them, and an erased keyframe that is a patch's source. Images have odd
+// sizes. Everything follows from the seed.
 #pragma once
 
 #include <cmath>
@@ -55,8 +56,8 @@ class SmallMap {
       return static_cast<float>(low + (high - low) * (static_cast<double>(engine() >> 11) * 0x1.0p-53));
     };
     map.next_id = 1 + static_cast<uint32_t>(engine() % 1000);
-    const int keyframes = 3;
-    for (int k = 0; k < keyframes; ++k) {
+    const int keyframes = 3;  // that stay, and one to be forgotten, one erased
+    for (int k = 0; k < keyframes + 2; ++k) {
       map.queued = 1;
       Keyframe& frame = map.queue[0].frame;
       Vector6f mu;
@@ -116,6 +117,9 @@ class SmallMap {
     }
     for (const int i : {0, 7, 8, 59}) map.remove_point(i);
     map.partial_points[3] = PartialPoint();
+    for (const int k : {3, 4}) map.erase_keyframe(k);
+    map.forget_keyframe(3);
+    map.points[5].source = source(4, map.points[5].p_w);
     map.ready = true;
   }
 

@@ -513,6 +513,43 @@ TEST(BundleAdjustment, DegenerateMapsDoNoHarm) {
   EXPECT_EQ(empty.bundle().result().iterations, 0);
 }
 
+// Erased keyframes have no part in it, but follow; in the same bits however the work is cut.
+TEST(BundleAdjustment, ErasedKeyframesFollowInTheSameBits) {
+  test::Random random;
+  Problem problem = disturbed();
+  problem.noise = 0.3;
+  problem.keyframes = 12;
+  problem.rolling = true;
+  uint64_t hash = 0;
+  for (const float instructions : {0.0f, 60.0f, 3777.0f, 1e6f}) {
+    problem.instructions = instructions;
+    World world(problem, random.seed());
+    Map& map = world.map();
+    for (const int k : {3, 7, 8}) map.erase_keyframe(k);
+    map.forget_keyframe(7);  // an empty slot
+    const SE3 before = map.keyframes[8].T_kw;
+    const SE3 T_anchor = map.keyframes[8].T_anchor;
+    world.run();
+    EXPECT_GE(world.bundle().result().iterations, 2);
+    const Keyframe& erased = map.keyframes[8];
+    const SE3 expected = T_anchor * map.keyframes[erased.anchor].T_kw;
+    EXPECT_EQ(erased.T_kw.R, expected.R);
+    EXPECT_EQ(erased.T_kw.t, expected.t);
+    EXPECT_NE(erased.T_kw.t, before.t);
+    if (instructions == 0) hash = map.hash();
+    EXPECT_EQ(map.hash(), hash) << instructions;
+  }
+  // The hash sees the erased ones.
+  problem.instructions = 0;
+  World without(problem, random.seed());
+  for (const int k : {3, 7, 8}) without.map().erase_keyframe(k);
+  without.map().forget_keyframe(7);
+  without.run();
+  EXPECT_EQ(without.map().hash(), hash);
+  without.map().keyframes[8].T_kw.t.x() += 1e-3f;
+  EXPECT_NE(without.map().hash(), hash);
+}
+
 // Above kMaxVelocityCameras free keyframes velocities are held: asking for them must change nothing.
 TEST(BundleAdjustment, LargeMapsHoldTheirVelocities) {
   test::Random random;

@@ -1,0 +1,233 @@
+#include "mapping/culling.h"
+
+#include <algorithm>
+
+namespace pptam {
+
+namespace {
+
+// Lower triangle of a symmetric 3x3 matrix.
+struct Symmetric3 {
+  float xx = 0, yx = 0, yy = 0, zx = 0, zy = 0, zz = 0;
+  float determinant() const { return xx * (yy * zz - zy * zy) - yx * (yx * zz - zx * zy) + zx * (yx * zy - zx * yy); }
+};
+
+// Instructions of the parts, from the code compiled for the ARM1176; not counted in the emulator.
+constexpr int64_t kUsefulnessInstructions = 130;  // of one measurement
+constexpr int64_t kVoteInstructions = 25;         // of one measurement
+constexpr int64_t kPairInstructions = 24;         // of two measurements: their order, what their keyframes share
+constexpr int64_t kPointInstructions = 80;
+constexpr int64_t kViewDistanceInstructions = 120;
+
+}  // namespace
+
+void measure_usefulness(const Map& map, const CameraModel& camera, const MapPoint& point, float* m) {
+  const int count = point.measurements.size();
+  if (count == 0) return;
+  // In units of a typical depth V_j is of order 1 / sigma^2, and |V| within float32.
+  const float depth = map.keyframes[point.measurements[0].keyframe].mean_depth;
+  const float aspect = camera.fy / camera.fx;
+  Symmetric3 V_j[kMaxMeasurements + 1], V;
+  for (int j = 0; j < count; ++j) {
+    const Measurement& measurement = point.measurements[j];
+    const SE3& T_kw = map.keyframes[measurement.keyframe].T_kw;
+    const Vector3f p_k = T_kw * point.p_w;
+    if (!(p_k.z() > 0)) continue;
+    const float inverse_z = 1.0f / p_k.z();
+    const float u = p_k.x() * inverse_z, v = p_k.y() * inverse_z;
+    const float scale = depth * inverse_z / measurement.sigma;
+    const float s = measurement.weight * scale * scale;
+    float a[3], b[3];  // rows of B_j but for s
+    for (int i = 0; i < 3; ++i) {
+      a[i] = T_kw.R(0, i) - u * T_kw.R(2, i);
+      b[i] = aspect * (T_kw.R(1, i) - v * T_kw.R(2, i));
+    }
+    Symmetric3& A = V_j[j];
+    A.xx = s * (a[0] * a[0] + b[0] * b[0]);
+    A.yx = s * (a[1] * a[0] + b[1] * b[0]);
+    A.yy = s * (a[1] * a[1] + b[1] * b[1]);
+    A.zx = s * (a[2] * a[0] + b[2] * b[0]);
+    A.zy = s * (a[2] * a[1] + b[2] * b[1]);
+    A.zz = s * (a[2] * a[2] + b[2] * b[2]);
+    V.xx += A.xx, V.yx += A.yx, V.yy += A.yy, V.zx += A.zx, V.zy += A.zy, V.zz += A.zz;
+  }
+  const float all = V.determinant();
+  for (int j = 0; j < count; ++j) {
+    const Symmetric3& A = V_j[j];
+    m[j] = all - Symmetric3{V.xx - A.xx, V.yx - A.yx, V.yy - A.yy, V.zx - A.zx, V.zy - A.zy, V.zz - A.zz}.determinant();
+  }
+}
+
+float keyframe_vote(int observers, int rank) {
+  if (observers == 2) return 0.5f;
+  const int o = std::min(observers, 4);
+  return static_cast<float>(std::max(0, o - (rank - 1))) / static_cast<float>(o * (o + 1) / 2);
+}
+
+void cull_measurements(const Map& map, const CameraModel& camera, MapPoint& point, WorkMeter& meter) {
+  while (point.measurements.size() > kMaxMeasurements) {
+    float m[kMaxMeasurements + 1];
+    measure_usefulness(map, camera, point, m);
+    meter.charge(Work::kOther, kUsefulnessInstructions * point.measurements.size());
+    int worst = -1;
+    for (int j = 0; j < point.measurements.size(); ++j) {
+      if (point.measurements[j].keyframe == point.source.keyframe) continue;
+      if (worst < 0 || m[j] < m[worst]) worst = j;
+    }
+    point.measurements.erase_at(worst);
+  }
+}
+
+KeyframeCuller::KeyframeCuller(Arena& arena, const Config& config, Map& map, WorkMeter& meter, Background& background)
+    : config_(config),
+      map_(map),
+      meter_(meter),
+      background_(background),
+      live_(arena, config.max_keyframes + 1),
+      place_(arena, config.max_keyframes + 1 + config.max_erased_keyframes),
+      votes_(arena, config.max_keyframes + 1 + config.max_erased_keyframes),
+      judged_(arena, config.max_keyframes + 1 + config.max_erased_keyframes),
+      common_(arena, (config.max_keyframes + 1) * (config.max_keyframes + 1)),
+      reached_(arena, config.max_keyframes + 1),
+      frontier_(arena, config.max_keyframes + 1) {}
+
+Task KeyframeCuller::choose() {
+  chosen_ = -1;
+  co_await count_votes();
+  // The graph's connection as it is: at the largest number of common points, up to kMinCommonPoints, that leaves it in
+  // no more parts than any common point does. Whoever goes must not add a part to that.
+  co_await count_components(-1, 1);
+  const int parts = components_;
+  int common = kMinCommonPoints;
+  for (; common > 1; --common) {
+    co_await count_components(-1, common);
+    if (components_ <= parts) break;
+  }
+  for (int k = 0; k < map_.keyframes.size(); ++k) judged_[k] = !map_.keyframes[k].live() || k == 0;
+  for (int newest = 0; newest < 2; ++newest) {
+    int youngest = -1;
+    for (const int16_t k : live_)
+      if (!judged_[k] && (youngest < 0 || map_.keyframes[k].id > map_.keyframes[youngest].id)) youngest = k;
+    if (youngest >= 0) judged_[youngest] = 1;
+  }
+  for (;;) {
+    int lowest = -1;
+    for (const int16_t k : live_)
+      if (!judged_[k] && votes_[k] < kMostVotesToErase && (lowest < 0 || votes_[k] < votes_[lowest])) lowest = k;
+    if (lowest < 0) co_return;
+    judged_[lowest] = 1;
+    co_await count_components(place_[lowest], common);
+    if (components_ > parts) continue;
+    chosen_ = lowest;
+    co_return;
+  }
+}
+
+Task KeyframeCuller::count_votes() {
+  live_.clear();
+  place_.resize(map_.keyframes.size());
+  votes_.resize(map_.keyframes.size());
+  judged_.resize(map_.keyframes.size());
+  for (int k = 0; k < map_.keyframes.size(); ++k) {
+    votes_[k] = 0;
+    place_[k] = -1;
+    if (!map_.keyframes[k].live()) continue;
+    place_[k] = static_cast<int16_t>(live_.size());
+    live_.push_back(static_cast<int16_t>(k));
+  }
+  reached_.resize(live_.size());
+  common_.resize(live_.size() * live_.size());
+  std::fill(common_.begin(), common_.end(), uint8_t{0});
+  meter_.charge(Work::kOther, common_.size() + 10LL * map_.keyframes.size());
+  for (const MapPoint& point : map_.points) {
+    if (point.id == 0) continue;
+    const int observers = point.measurements.size();
+    float m[kMaxMeasurements + 1];
+    if (observers > 2) measure_usefulness(map_, config_.camera, point, m);
+    int rank[kMaxMeasurements + 1] = {};  // counted from 0; equal ones in the order of the measurements
+    for (int j = 0; j < observers; ++j) {
+      const int b = place_[point.measurements[j].keyframe];
+      for (int i = 0; i < j; ++i) {
+        if (observers > 2) ++rank[m[j] > m[i] ? i : j];
+        const int a = place_[point.measurements[i].keyframe];
+        if (common(a, b) < 255) common(b, a) = ++common(a, b);
+      }
+    }
+    for (int j = 0; j < observers; ++j) votes_[point.measurements[j].keyframe] += keyframe_vote(observers, rank[j] + 1);
+    meter_.charge(Work::kOther, kPointInstructions + kPairInstructions * (observers * (observers - 1) / 2) +
+                                    (kUsefulnessInstructions + kVoteInstructions) * observers);
+    co_await background_.slice();
+  }
+}
+
+// Parts of the graph of live keyframes that share at least so many points, without one of them (a place; -1: with all).
+Task KeyframeCuller::count_components(int without, int common_points) {
+  components_ = 0;
+  std::fill(reached_.begin(), reached_.end(), uint8_t{0});
+  for (int start = 0; start < live_.size(); ++start) {
+    if (start == without || reached_[start]) continue;
+    ++components_;
+    frontier_.clear();
+    frontier_.push_back(static_cast<int16_t>(start));
+    reached_[start] = 1;
+    for (int next = 0; next < frontier_.size(); ++next) {
+      const int a = frontier_[next];
+      for (int b = 0; b < live_.size(); ++b) {
+        if (b == without || reached_[b] || common(a, b) < common_points) continue;
+        reached_[b] = 1;
+        frontier_.push_back(static_cast<int16_t>(b));
+      }
+      meter_.charge(Work::kOther, 7LL * live_.size());
+      co_await background_.slice();
+    }
+  }
+}
+
+Task KeyframeCuller::erase(int keyframe) {
+  int anchored = 1;
+  for (const Keyframe& other : map_.keyframes) anchored += other.id != 0 && other.erased && other.anchor == keyframe;
+  map_.erase_keyframe(keyframe);
+  meter_.charge(Work::kOther, 35LL * map_.points.size() + anchored * kViewDistanceInstructions * live_.size());
+  co_await background_.slice();
+}
+
+Task KeyframeCuller::forget_surplus() {
+  if (map_.erased_count() <= config_.max_erased_keyframes) co_return;
+  co_await choose_forgotten();
+  const auto sources = static_cast<int64_t>(votes_[forgotten_]);
+  map_.forget_keyframe(forgotten_);
+  meter_.charge(Work::kOther, 15LL * (map_.points.size() + map_.partial_points.size()) +
+                                  sources * kMaxMeasurements * kViewDistanceInstructions);
+  co_await background_.slice();
+}
+
+Task KeyframeCuller::choose_forgotten() {
+  // votes_ are done with: how many patches each keyframe is the source of.
+  votes_.resize(map_.keyframes.size());
+  std::fill(votes_.begin(), votes_.end(), 0.0f);
+  for (const MapPoint& point : map_.points)
+    if (point.id != 0) votes_[point.source.keyframe] += 1;
+  for (const PartialPoint& partial : map_.partial_points)
+    if (partial.id != 0) votes_[partial.source.keyframe] += 1;
+  meter_.charge(Work::kOther, 8LL * (map_.points.size() + map_.partial_points.size()));
+  co_await background_.slice();
+  forgotten_ = -1;
+  float least = 0;
+  for (int k = 0; k < map_.keyframes.size(); ++k) {
+    const Keyframe& keyframe = map_.keyframes[k];
+    if (keyframe.id == 0 || !keyframe.erased) continue;
+    float nearest = 1e9f;
+    for (int other = 0; other < map_.keyframes.size(); ++other)
+      if (other != k && map_.keyframes[other].id != 0)
+        nearest = std::min(nearest, Map::view_distance(keyframe, map_.keyframes[other]));
+    const float value = nearest * (1 + votes_[k]);
+    if (forgotten_ < 0 || value < least) {
+      forgotten_ = k;
+      least = value;
+    }
+    meter_.charge(Work::kOther, kViewDistanceInstructions * map_.keyframes.size());
+    co_await background_.slice();
+  }
+}
+
+}  // namespace pptam
