@@ -52,10 +52,6 @@ void expect_good_starts(const std::vector<StudyTrial>& all, int may_fail) {
     if (trial.initialised && !trial.plane_known) {
       EXPECT_GE(trial.depth_share, app::kRightDepthShare);
     }
-    // A new map whose keyframes' velocities are not known well is bent, and right only after some more keyframes.
-    if (trial.initialised) {
-      EXPECT_LT(trial.wrong_fraction, 0.2);
-    }
     EXPECT_LT(trial.worst_minstructions, 6) << "a frame's budget";
     failed += trial.initialised ? 0 : 1;
   }
@@ -70,6 +66,17 @@ TEST(Start, PlanesAreRightAndAWrongShutterIsNoticed) {
   EXPECT_LT(median_normal_deg(all), 2);
   const std::vector<StudyTrial> told_right(all.begin(), all.begin() + 10);
   EXPECT_GT(median_normal_deg(trials("planar", 10, -2)), 1.5 * median_normal_deg(told_right));
+}
+
+// A new map whose keyframes' velocities are not known well is bent, and right only after some more keyframes, or does
+// not come about: with velocities from the differences between the keyframes, several frames apart, 12 % of the first
+// of these runs' poses were wrong and the second had no map.
+TEST(Start, AnAcceleratingStartIsNotBent) {
+  for (const uint64_t seed : {10u, 25u}) {
+    const StudyTrial trial = app::run_study_trial("planar", seed, 5, app::study_scene("planar", seed));
+    EXPECT_TRUE(trial.initialised) << seed;
+    EXPECT_LT(trial.wrong_fraction, 0.05) << seed;
+  }
 }
 
 TEST(Start, OtherCamerasStartToo) {
