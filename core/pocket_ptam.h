@@ -246,8 +246,8 @@ class System {
   int map_parts(int common_points) const;
   int map_points(std::span<MapPointInfo> out) const;
   int measurements(std::span<MeasurementInfo> out) const;  // by point, as map_points()
-  GreyView keyframe_image(
-      uint32_t id) const;  // level 0, valid until the next call that is not const; empty: no such id
+  // Level 0 of a live or erased keyframe, valid until the next call that is not const; empty: no such id.
+  GreyView keyframe_image(uint32_t id) const;
 
   const Config& config() const;
   const WorkMeter& work_meter() const;

@@ -13,8 +13,7 @@ namespace pptam {
 
 namespace {
 
-constexpr int kMostKeyframes = 1000;                        // live; as many erased ones
-constexpr int kMostKeyframeSlots = 2 * kMostKeyframes + 1;  // and the newcomer
+constexpr int64_t kMostImageBytes = int64_t{1} << 30;
 
 // ARMv6 instructions a byte, for the checksum and a copy.
 constexpr int kMapFileInstructions = 8;
@@ -77,8 +76,8 @@ Status Config::validate() const {
     return {StatusCode::kInvalidArgument, "Config::initial_plane_distance must be 0 or within 0.001 to 1000"};
   if (!(min_keyframe_interval_s >= 0 && min_keyframe_interval_s < 3600))
     return {StatusCode::kInvalidArgument, "Config::min_keyframe_interval_s must be within 0 to 3600 s"};
-  if (static_cast<int64_t>(camera.width) * camera.height * (max_keyframes + max_erased_keyframes + 16) > int64_t{1}
-                                                                                                             << 30)
+  if (static_cast<int64_t>(camera.width) * camera.height * (max_keyframes + max_erased_keyframes + 16) >
+      kMostImageBytes)
     return {StatusCode::kInvalidArgument,
             "Config: max_keyframes and max_erased_keyframes of this size need over 1 GB: lower one of them"};
   if (!(profile.clock_mhz >= 1 && profile.clock_mhz <= 1e5f) ||
@@ -260,7 +259,7 @@ int System::measurements(std::span<MeasurementInfo> out) const {
 
 GreyView System::keyframe_image(uint32_t id) const {
   for (const Keyframe& keyframe : impl_->map.keyframes)
-    if (keyframe.id == id) return keyframe.pyramid.level[0];
+    if (id != 0 && keyframe.id == id) return keyframe.pyramid.level[0];
   return {};
 }
 

@@ -68,7 +68,6 @@ class FixedVector {
   int size() const { return size_; }
   int capacity() const { return capacity_; }
   bool empty() const { return size_ == 0; }
-  bool full() const { return size_ == capacity_; }
   T* data() { return data_; }
   const T* data() const { return data_; }
   T& operator[](int i) {

@@ -9,10 +9,6 @@ namespace {
 constexpr int kQueueLength = 2;             // the tracker makes at most one keyframe per min_keyframe_interval_s
 constexpr float kMinSourceCosSlant = 0.5f;  // between viewing ray and a patch's normal in its new source: 60 degrees
 
-int keyframe_slots(const Config& config) {
-  return config.max_keyframes + 1 + config.max_erased_keyframes;
-}
-
 Keyframe make_keyframe(Arena& arena, const Config& config) {
   Keyframe keyframe;
   keyframe.storage = PyramidStorage(arena, config.camera.width, config.camera.height, 0);
@@ -44,12 +40,12 @@ class Hash {
 }  // namespace
 
 Map::Map(Arena& arena, const Config& config)
-    : keyframes(arena, keyframe_slots(config)),
+    : keyframes(arena, keyframe_slots(config.max_keyframes, config.max_erased_keyframes)),
       points(arena, config.max_map_points),
       partial_points(arena, config.max_partial_points),
       queue(arena, kQueueLength),
       neighbours(arena, 2 * kMaxInitialKeyframes) {
-  for (int i = 0; i < keyframe_slots(config); ++i) {
+  for (int i = 0; i < keyframe_slots(config.max_keyframes, config.max_erased_keyframes); ++i) {
     const Keyframe keyframe = make_keyframe(arena, config);
     if (i < keyframes.capacity()) keyframes.push_back(keyframe);
   }

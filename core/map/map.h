@@ -103,11 +103,18 @@ struct Similarity {
   Vector3f operator*(const Vector3f& p) const { return scale * (T * p); }
 };
 
+// Slots of Map::keyframes: live ones, the newcomer that culling judges, erased ones.
+constexpr int keyframe_slots(int max_keyframes, int max_erased_keyframes) {
+  return max_keyframes + 1 + max_erased_keyframes;
+}
+constexpr int kMostKeyframes = 1000;  // that a Config may allow, live, and as many erased
+constexpr int kMostKeyframeSlots = keyframe_slots(kMostKeyframes, kMostKeyframes);
+
 struct Map {
   Map() = default;
   Map(Arena& arena, const Config& config);
 
-  FixedVector<Keyframe> keyframes;  // slots: max_keyframes live ones, the newcomer that culling judges, erased ones
+  FixedVector<Keyframe> keyframes;  // slots
   FixedVector<MapPoint> points;     // slots; empty ones have id 0
   FixedVector<PartialPoint> partial_points;
   FixedVector<KeyframeCandidate> queue;  // size is the capacity; the first `queued` are waiting, oldest first

@@ -18,7 +18,6 @@ constexpr size_t kPointBytes = 52;      // without its measurements
 constexpr size_t kPartialBytes = 44;
 constexpr size_t kCrcBytes = 4;
 
-constexpr int kMostKeyframeSlots = 2001;  // Config::validate allows no more
 constexpr uint32_t kErasedFlag = 1;
 constexpr float kLargest = 1e8f;  // of any length or speed in the map: its fourth power is still a float
 constexpr float kLeastDepth = 1e-8f;
@@ -251,7 +250,7 @@ Status check_fit(const Header& header, const Config& config) {
   if (live > config.max_keyframes + 1)
     return refused("the map has more keyframes than Config::max_keyframes: raise it");
   if (erased > config.max_erased_keyframes + 1 ||
-      static_cast<int>(header.keyframes.slots) > config.max_keyframes + 1 + config.max_erased_keyframes)
+      static_cast<int>(header.keyframes.slots) > keyframe_slots(config.max_keyframes, config.max_erased_keyframes))
     return refused("the map has more erased keyframes than Config::max_erased_keyframes: raise it");
   if (static_cast<int>(header.points.slots) > config.max_map_points)
     return refused("the map has more map points than Config::max_map_points: raise it");
@@ -478,8 +477,8 @@ class Body {
     const uint32_t measurements = in_.u32();
     if (!small_enough(point.p_w)) return refused("a map point's position is not a usable number");
     if (point.found > point.attempts) return refused("a map point was found more often than searched");
-    if (measurements < 2 || measurements > kMaxMeasurements)
-      return refused("a map point has less than two or more than eight measurements");
+    if (measurements < 2 || measurements > kMaxMeasurements + 1)  // one more until culling has judged it
+      return refused("a map point has less than two or more than nine measurements");
     for (uint32_t i = 0; i < measurements; ++i) {
       Measurement m;
       const uint32_t keyframe = in_.u32();

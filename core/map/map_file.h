@@ -18,7 +18,7 @@
 //     u8[width * height] image by rows
 //   map points, by ascending slot, each 52 bytes and the measurements
 //     u32 slot, id  f32[3] p_w  source: u32 keyframe's slot, f32[2] px, f32[3] normal  u16 attempts, found
-//     u32 number of measurements, each: u32 keyframe's slot, f32[2] px, f32 sigma, weight
+//     u32 number of measurements, 2 to 9, each: u32 keyframe's slot, f32[2] px, f32 sigma, weight
 //   partial points, by ascending slot, each 44 bytes
 //     u32 slot, id  source as above  f32 inverse_depth, information  u16 attempts, found
 //   u32 CRC-32 (polynomial 0xEDB88320, as of zip and PNG) of all bytes before

@@ -22,7 +22,7 @@ Vector6f prior_information(float mean_depth) {
 BundleCapacity capacity(const Config& config) {
   BundleCapacity capacity;
   // One a slot of Map::keyframes, so that indices are the same; erased and empty ones are neither free nor observed.
-  capacity.cameras = config.max_keyframes + 1 + config.max_erased_keyframes;
+  capacity.cameras = keyframe_slots(config.max_keyframes, config.max_erased_keyframes);
   capacity.points = config.max_map_points;
   capacity.observations = config.max_map_points * kMaxMeasurements;
   capacity.observations_per_point = kMaxMeasurements + 1;

@@ -84,9 +84,9 @@ KeyframeCuller::KeyframeCuller(Arena& arena, const Config& config, Map& map, Wor
       meter_(meter),
       background_(background),
       live_(arena, config.max_keyframes + 1),
-      place_(arena, config.max_keyframes + 1 + config.max_erased_keyframes),
-      votes_(arena, config.max_keyframes + 1 + config.max_erased_keyframes),
-      judged_(arena, config.max_keyframes + 1 + config.max_erased_keyframes),
+      place_(arena, keyframe_slots(config.max_keyframes, config.max_erased_keyframes)),
+      votes_(arena, keyframe_slots(config.max_keyframes, config.max_erased_keyframes)),
+      judged_(arena, keyframe_slots(config.max_keyframes, config.max_erased_keyframes)),
       common_(arena, (config.max_keyframes + 1) * (config.max_keyframes + 1)),
       reached_(arena, config.max_keyframes + 1),
       frontier_(arena, config.max_keyframes + 1) {}

@@ -70,6 +70,7 @@ void Mapper::work_slice() {
 }
 
 Task Mapper::run() {
+  co_await cull_surplus_measurements();  // an insertion may have been given up half-way
   for (;;) {
     if (map_.exists() && !map_.ready) {
       co_await finish_initial_map();
@@ -142,6 +143,7 @@ Task Mapper::locate_initial_views(bool* good) {
 // either end, where only one side is known, its mean velocity is carried on to the keyframe by the difference to the
 // next keyframe's.
 Task Mapper::measure_initial_velocities() {
+  if (config_.shutter.line_time_s == 0) co_return;
   const int count = std::min(map_.keyframes.size(), kMaxInitialKeyframes);
   Vector6f mean[kMaxInitialKeyframes];
   float mean_s[kMaxInitialKeyframes];  // the time of which it is the mean, from the first keyframe's
@@ -334,10 +336,7 @@ Task Mapper::insert_keyframe() {
   map_.pop_queue();
   if (map_.live_count() > config_.max_keyframes) co_await make_room();
   if (!map_.keyframes[keyframe].live()) co_return;
-  for (MapPoint& point : map_.points) {
-    cull_measurements(map_, config_.camera, point, meter_);
-    co_await slice();
-  }
+  co_await cull_surplus_measurements();
   newest_ = keyframe;
   co_await measure_remaining_points(keyframe);
   co_await promote_partial_points(keyframe);
@@ -363,6 +362,14 @@ Task Mapper::make_room() {
   map_.erase_keyframe(gone);
   map_.forget_keyframe(gone);
   meter_.charge(Work::kOther, 50LL * map_.points.size());
+}
+
+// A new keyframe's measurements are taken over before it is known whether the keyframe stays.
+Task Mapper::cull_surplus_measurements() {
+  for (MapPoint& point : map_.points) {
+    cull_measurements(map_, config_.camera, point, meter_);
+    co_await slice();
+  }
 }
 
 // The tracker measures 50 points of a frame; the others that should be visible are searched now.

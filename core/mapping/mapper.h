@@ -29,6 +29,7 @@ class Mapper : public Background {
   Task measure_initial_velocities();
   Task insert_keyframe();
   Task make_room();
+  Task cull_surplus_measurements();
   Task measure_remaining_points(int keyframe);
   Task promote_partial_points(int keyframe);
   Task add_partial_points(int keyframe);

@@ -255,7 +255,7 @@ TEST(MapFile, EveryFaultIsNamed) {
       {"unit length", f32(point + 32, nan)},
       {"found more often", u16(point + 46, 0xffff)},
       {"less than two", u32(point + 48, 1)},
-      {"less than two", u32(point + 48, 9)},
+      {"less than two", u32(point + 48, 10)},
       {"less than two", u32(point + 48, 0xffffffff)},
       {"measured in a keyframe that is not there", u32(measurement, 3)},
       {"measured in a keyframe that is not there", u32(measurement, 4)},  // erased

@@ -8,8 +8,8 @@
 #include <limits>
 #include <vector>
 
-#include "tests/support/recording.h"
 #include "tests/support/random.h"
+#include "tests/support/recording.h"
 
 namespace pptam {
 namespace {

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstring>
 #include <map>
+#include <utility>
 #include <vector>
 
 #include "platform/app/evaluation.h"
@@ -270,6 +271,35 @@ TEST(SavedMap, SavingAndRefusedLoadingDisturbNothing) {
     return trace;
   };
   EXPECT_EQ(go(true), go(false));
+}
+
+// Whatever the mapper has just paused in: taking over a new keyframe, making room for it, culling, adjusting.
+TEST(SavedMap, CanBeSavedBetweenAnyTwoSlices) {
+  const Recording recording = record("desk", 1, 20);
+  Config config = test::config_for(recording);
+  config.max_keyframes = 10;
+  config.max_erased_keyframes = 1;
+  Phone phone(config);
+  phone->tap();
+  Bytes bytes;
+  int saves = 0;
+  bool keyframe_comes = false;  // it joins the queue a frame after it was taken
+  for (int i = 0; i < recording.size(); ++i) {
+    const bool insertion = std::exchange(keyframe_comes, false);
+    const TrackResult result = phone->track(recording.frame(i));
+    keyframe_comes = result.keyframe_added;
+    for (; phone->has_work();) {
+      phone->work_slice();
+      // Saving takes longer than a slice: only with a full map, in the frames that bring a keyframe.
+      if (!insertion || result.keyframes < config.max_keyframes) continue;
+      bytes.resize(phone->map_bytes());
+      size_t used = 0;
+      const Status status = phone->save_map(bytes, &used);
+      ASSERT_TRUE(status.ok()) << "frame " << i << ": " << status.message();
+      ++saves;
+    }
+  }
+  EXPECT_GT(saves, 100);
 }
 
 TEST(SavedMap, ALockedMapIsLeftAlone) {

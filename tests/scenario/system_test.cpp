@@ -9,6 +9,7 @@
 
 #include "platform/app/evaluation.h"
 #include "platform/app/run.h"
+#include "tests/support/phone_camera.h"
 #include "tests/support/random.h"
 #include "tests/support/recording.h"
 
@@ -253,14 +254,7 @@ TEST(System, HostileFramesAreNotBelieved) {
 }
 
 TEST(System, ThePhoneFitsInTwelveMegabytes) {
-  CameraModel camera;
-  camera.width = 240;
-  camera.height = 320;
-  camera.fx = camera.fy = 358.6f;
-  camera.cx = 119.5f;
-  camera.cy = 159.5f;
-  camera.prepare();
-  const size_t bytes = System::required_bytes(Config::phone(camera));
+  const size_t bytes = System::required_bytes(Config::phone(test::phone_camera()));
   EXPECT_GT(bytes, 35u * 240 * 320) << "the keyframes' images alone take that";
   EXPECT_LE(bytes, 12u << 20);
   RecordProperty("bytes", std::to_string(bytes));

@@ -12,6 +12,7 @@
 
 #include "geometry/pose_update.h"
 #include "geometry/robust.h"
+#include "tests/support/phone_camera.h"
 #include "tests/support/random.h"
 
 namespace pptam {
@@ -23,14 +24,7 @@ constexpr double kFocal_px = 358.6;
 constexpr int kMaxIterations = 30;
 
 Config test_config() {
-  CameraModel camera;
-  camera.width = 240;
-  camera.height = 320;
-  camera.fx = camera.fy = static_cast<float>(kFocal_px);
-  camera.cx = 119.5f;
-  camera.cy = 159.5f;
-  camera.prepare();
-  Config config = Config::phone(camera);
+  Config config = Config::phone(test::phone_camera());
   config.max_keyframes = 24;
   config.max_map_points = 150;
   return config;

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "map/patch_search.h"
+#include "tests/support/phone_camera.h"
 #include "tests/support/random.h"
 #include "tracking/relocaliser.h"
 
@@ -19,14 +20,7 @@ namespace pptam {
 namespace {
 
 Config small_config() {
-  CameraModel camera;
-  camera.width = 240;
-  camera.height = 320;
-  camera.fx = camera.fy = 358.6f;
-  camera.cx = 119.5f;
-  camera.cy = 159.5f;
-  camera.prepare();
-  Config config = Config::phone(camera);
+  Config config = Config::phone(test::phone_camera());
   config.max_keyframes = 12;
   config.max_erased_keyframes = 2;
   config.max_map_points = 400;

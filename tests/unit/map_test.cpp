@@ -11,20 +11,14 @@
 #include <vector>
 
 #include "geometry/pose_update.h"
+#include "tests/support/phone_camera.h"
 #include "tests/support/random.h"
 
 namespace pptam {
 namespace {
 
 Config small_config() {
-  CameraModel camera;
-  camera.width = 240;
-  camera.height = 320;
-  camera.fx = camera.fy = 358.6f;
-  camera.cx = 119.5f;
-  camera.cy = 159.5f;
-  camera.prepare();
-  Config config = Config::phone(camera);
+  Config config = Config::phone(test::phone_camera());
   config.max_keyframes = 10;
   config.max_map_points = 100;
   config.max_partial_points = 5;

@@ -10,6 +10,7 @@
 #include <limits>
 #include <vector>
 
+#include "tests/support/phone_camera.h"
 #include "tests/support/random.h"
 
 namespace pptam {
@@ -18,20 +19,8 @@ namespace {
 constexpr float kFloor = 0.15f;
 constexpr int kPoints = 50;
 
-CameraModel phone_camera() {
-  CameraModel camera;
-  camera.width = 240;
-  camera.height = 320;
-  camera.fx = camera.fy = 358.6f;
-  camera.cx = 119.5f;
-  camera.cy = 159.5f;
-  camera.prepare();
-  return camera;
-}
-
-RollingShutter phone_shutter() {
-  return {RollingShutter::Axis::kColumns, -0.060f / 240};
-}
+using test::phone_camera;
+using test::phone_shutter;
 
 Vector6f random_twist(test::Random& random, double translation, double rotation) {
   Vector6f mu;
