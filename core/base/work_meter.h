@@ -43,15 +43,15 @@ struct PhoneProfile {
   std::array<float, kWorkKinds> instructions = {
       9.0f,  // kGreyPixel, of BGRA; YUYV takes 5, RGB 14
       7.0f,  // kPyramidPixel
-      72,    // kCornerPixel
-      1300,  // kCornerAscent
+      85,    // kCornerPixel
+      1450,  // kCornerAscent: with the corners' order
       250,   // kRotationPixel
       1200,  // kPointProjected: with the choice of the points to search
       6000,  // kPatchWarp: with the affine map
       130,   // kPatchCandidate: most are given up after two rows of eight pixels
       2900,  // kPatchRefineStep
-      500,   // kPosePoint
-      500,   // kPoseProjection
+      700,   // kPosePoint: of 50 to 100 points
+      265,   // kPoseProjection
       1000,  // kHomographyPoint
       1,     // kKeyframePixel
       150,   // kBundleError

@@ -12,7 +12,6 @@ namespace {
 constexpr int kIterations = 10;
 // Iterations with full projections; between them the errors follow their Jacobians [phone 4].
 constexpr int kRelinearised[] = {0, 4, 9};
-constexpr int kMaxPoints = 256;  // more are left out
 constexpr int kMinInliers = 6;
 // Squared steps, radians and scene depths.
 constexpr float kConverged = 1e-10f;  // 0.004 px on the phone
@@ -21,41 +20,6 @@ constexpr float kMaxStep = 0.5f;      // more comes from garbage
 constexpr float kMinPivot = 1e-5f;
 
 constexpr int kPose = 6, kUnknowns = 12;  // the velocity comes first, the pose at kPose, or alone
-
-// A point's error e = e_0 - J (mu + dt velocity step), both rows divided by sigma.
-struct Row {
-  float J[2][6];
-  float e_0[2];
-  float e[2];
-  float dt_s;
-  bool valid;
-};
-
-// Sums over the points of w J^T J and w J^T e, upper triangles row by row, with the factors 1, dt and dt^2.
-struct Sums {
-  float A[21] = {}, A_dt[21] = {}, A_dt2[21] = {};
-  float b[6] = {}, b_dt[6] = {};
-
-  void add(const Row& row, float weight) {
-    const float dt = row.dt_s;
-    float* a = A;
-    float* a_dt = A_dt;
-    float* a_dt2 = A_dt2;
-    for (int i = 0; i < 6; ++i) {
-      const float x = weight * row.J[0][i], y = weight * row.J[1][i];
-      for (int j = i; j < 6; ++j) {
-        const float p = x * row.J[0][j] + y * row.J[1][j];
-        const float p_dt = dt * p;
-        *a++ += p;
-        *a_dt++ += p_dt;
-        *a_dt2++ += dt * p_dt;
-      }
-      const float q = x * row.e[0] + y * row.e[1];
-      b[i] += q;
-      b_dt[i] += dt * q;
-    }
-  }
-};
 
 // H x = g with H = L D L^T, symmetric positive definite and scaled to a unit diagonal; only H's lower triangle is read.
 // False when a pivot falls under kMinPivot.
@@ -108,168 +72,237 @@ bool project_rolling(const CameraModel& camera, const RollingShutter& shutter, c
   return true;
 }
 
-PoseUpdate update_pose(const CameraModel& camera, const RollingShutter& shutter, const SE3& T_start,
-                       const VelocityPrior& prior, std::span<PosePoint> points, float sigma_floor, WorkMeter& meter) {
-  PoseUpdate result;
-  result.T_cw = T_start;
-  result.velocity = prior.mean;
-  const int count = std::min<int>(static_cast<int>(points.size()), kMaxPoints);
-  if (count < kMinInliers) return result;
-  const bool estimate_velocity = shutter.line_time_s != 0 && prior.sigma_rotation > 0;
-  const int unknowns = estimate_velocity ? kUnknowns : kUnknowns - kPose;
-  const int pose = unknowns - kPose;  // the pose's place
+void PoseUpdater::Sums::add(const Row& row, float weight) {
+  const float dt = row.dt_s;
+  float* a = A;
+  float* a_dt = A_dt;
+  float* a_dt2 = A_dt2;
+  for (int i = 0; i < 6; ++i) {
+    const float x = weight * row.J[0][i], y = weight * row.J[1][i];
+    for (int j = i; j < 6; ++j) {
+      const float p = x * row.J[0][j] + y * row.J[1][j];
+      const float p_dt = dt * p;
+      *a++ += p;
+      *a_dt++ += p_dt;
+      *a_dt2++ += dt * p_dt;
+    }
+    const float q = x * row.e[0] + y * row.e[1];
+    b[i] += q;
+    b_dt[i] += dt * q;
+  }
+}
 
-  float squared[kMaxPoints];
-  Row rows[kMaxPoints];
-  for (int i = 0; i < count; ++i) rows[i].dt_s = shutter.dt_s(points[i].px, camera.width, camera.height);
+void PoseUpdater::start(const CameraModel& camera, const RollingShutter& shutter, const SE3& T_start,
+                        const VelocityPrior& prior, std::span<PosePoint> points, float sigma_floor, WorkMeter& meter) {
+  camera_ = &camera;
+  meter_ = &meter;
+  T_start_ = T_ = T_start;
+  prior_ = prior;
+  velocity_ = prior.mean;
+  points_ = points.first(std::min<size_t>(points.size(), kMaxPoints));
+  sigma_floor_ = sigma_floor;
+  velocity_free_ = shutter.line_time_s != 0 && prior.sigma_rotation > 0;
+  mu_.setZero();
+  faster_.setZero();
+  moved_.setZero();
+  mean_depth_ = 1;
+  iteration_ = 0;
+  confirm_ = false;
+  result_ = PoseUpdate();
+  result_.T_cw = T_start;
+  result_.velocity = prior.mean;
+  next_ = static_cast<int>(points_.size()) < kMinInliers ? Piece::kEnd : Piece::kErrors;
+  for (size_t i = 0; i < points_.size(); ++i) rows_[i].dt_s = shutter.dt_s(points_[i].px, camera.width, camera.height);
+}
 
-  SE3 T = T_start;                     // of the last full projection
-  Vector6f velocity = prior.mean;      // the same
-  Vector6f mu = Vector6f::Zero();      // since then
-  Vector6f faster = Vector6f::Zero();  // the same, of the velocity
-  Vector6f moved = Vector6f::Zero();   // all steps since T_start, to first order
-  float mean_depth = 1;
-  bool confirm = false;  // the last step was small, but taken from errors that are not exact
-  for (int iteration = 0;; ++iteration) {
-    const bool full =
-        confirm || std::find(std::begin(kRelinearised), std::end(kRelinearised), iteration) != std::end(kRelinearised);
-    int valid = 0;
-    if (full) {
-      meter.charge(Work::kPoseProjection, count);
-      T = SE3::exp(mu) * T;
-      velocity += faster;
-      mu.setZero();
-      faster.setZero();
-      float depth_sum = 0;
-      for (int i = 0; i < count; ++i) {
-        PosePoint& point = points[i];
-        Row& row = rows[i];
-        const Vector3f p = moved_point(T * point.p_w, velocity, row.dt_s);
-        Vector2f px;
-        Matrix23f J_px_p;
-        row.valid = camera.project(p, &px, &J_px_p);
-        if (!row.valid) {
-          point.error_sq = 1e12f;
-          point.weight = 0;
-          continue;
-        }
-        const float scale = 1 / point.sigma;
-        for (int k = 0; k < 2; ++k) {
-          const float x = scale * J_px_p(k, 0), y = scale * J_px_p(k, 1), z = scale * J_px_p(k, 2);
-          row.J[k][0] = x;
-          row.J[k][1] = y;
-          row.J[k][2] = z;
-          row.J[k][3] = p.y() * z - p.z() * y;  // the rotation's: p x (x, y, z)
-          row.J[k][4] = p.z() * x - p.x() * z;
-          row.J[k][5] = p.x() * y - p.y() * x;
-          row.e_0[k] = row.e[k] = scale * (point.px[k] - px[k]);
-        }
-        depth_sum += p.z();
-        ++valid;
-      }
-      if (valid < kMinInliers) return result;
-      mean_depth = depth_sum / static_cast<float>(valid);
-    } else {
-      for (int i = 0; i < count; ++i) {
-        Row& row = rows[i];
-        if (!row.valid) continue;
-        for (int k = 0; k < 2; ++k) {
-          float e = row.e_0[k];
-          for (int c = 0; c < 6; ++c) e -= row.J[k][c] * (mu[c] + row.dt_s * faster[c]);
-          row.e[k] = e;
-        }
-      }
-    }
-    meter.charge(Work::kPosePoint, count);
-    valid = 0;
-    for (int i = 0; i < count; ++i) {
-      if (!rows[i].valid) continue;
-      points[i].error_sq = rows[i].e[0] * rows[i].e[0] + rows[i].e[1] * rows[i].e[1];
-      squared[valid++] = points[i].error_sq;
-    }
-    result.sigma = std::max(robust_sigma({squared, static_cast<size_t>(valid)}), sigma_floor);
+bool PoseUpdater::advance() {
+  switch (next_) {
+    case Piece::kErrors:
+      full_ = confirm_ ||
+              std::find(std::begin(kRelinearised), std::end(kRelinearised), iteration_) != std::end(kRelinearised);
+      next_ = full_ ? project() : follow();
+      break;
+    case Piece::kScale:
+      next_ = estimate_scale();
+      break;
+    case Piece::kSums:
+      next_ = sum_up();
+      break;
+    case Piece::kEnd:
+      break;
+  }
+  return next_ == Piece::kEnd;
+}
 
-    Sums sums;
-    int inliers = 0;
-    float cost = tukey_cost(1e12f, result.sigma) * static_cast<float>(count - valid);
-    for (int i = 0; i < count; ++i) {
-      PosePoint& point = points[i];
-      if (!rows[i].valid) continue;
-      point.weight = tukey_weight(point.error_sq, result.sigma);
-      cost += tukey_cost(point.error_sq, result.sigma);
-      if (point.weight == 0) continue;
-      ++inliers;
-      sums.add(rows[i], point.weight);
-    }
-    result.cost = cost;
-    result.inliers = inliers;
-    if (inliers < kMinInliers) return result;
-
-    // The prior's r = velocity - (mean + rate * moved) adds to both.
-    const float information = 1 / (result.sigma * result.sigma);
-    float H[kUnknowns][kUnknowns];
-    float g[kUnknowns];
-    for (int i = 0, k = 0; i < 6; ++i) {
-      for (int j = i; j < 6; ++j, ++k) {
-        H[pose + j][pose + i] = information * sums.A[k];
-        if (!estimate_velocity) continue;
-        H[j][i] = information * sums.A_dt2[k];
-        H[pose + j][i] = H[pose + i][j] = information * sums.A_dt[k];
-      }
-      g[pose + i] = information * sums.b[i];
-      if (!estimate_velocity) continue;
-      const float sigma = i < 3 ? prior.sigma_translation : prior.sigma_rotation;
-      const float W = 1 / (sigma * sigma);
-      const float r = velocity[i] + faster[i] - (prior.mean[i] + prior.rate_per_s * moved[i]);
-      H[i][i] += W;
-      H[pose + i][i] -= W * prior.rate_per_s;
-      H[pose + i][pose + i] += W * prior.rate_per_s * prior.rate_per_s;
-      g[i] = information * sums.b_dt[i] - W * r;
-      g[pose + i] += W * prior.rate_per_s * r;
-    }
-    // Scaled to a unit diagonal, which keeps the system within float32 and makes the pivots tell its conditioning.
-    float unit[kUnknowns];
-    for (int i = 0; i < unknowns; ++i) {
-      if (!(H[i][i] > 0)) return result;
-      unit[i] = 1 / std::sqrt(H[i][i]);
-    }
-    for (int i = 0; i < unknowns; ++i) {
-      for (int j = 0; j < i; ++j) H[i][j] *= unit[i] * unit[j];
-      H[i][i] = 1;
-      g[i] *= unit[i];
-    }
-    Factorised factorised;
-    if (!factorised.factorise(H, unknowns)) return result;
-    factorised.solve(g, 0, unknowns);
-
-    Vector6f step;
-    for (int i = 0; i < 6; ++i) {
-      step[i] = unit[pose + i] * g[pose + i];
-      if (estimate_velocity) faster[i] += unit[i] * g[i];
-    }
-    mu += step;
-    moved += step;
-    if (!step.allFinite() || !faster.allFinite()) return result;
-    const float size = step.head<3>().squaredNorm() / (mean_depth * mean_depth) + step.tail<3>().squaredNorm();
-    if (size > kMaxStep) return result;
-    const bool small = size < kConverged;
-    if (iteration < kIterations && !(small && full)) {
-      confirm = small;
+PoseUpdater::Piece PoseUpdater::project() {
+  const int count = static_cast<int>(points_.size());
+  meter_->charge(Work::kPoseProjection, count);
+  T_ = SE3::exp(mu_) * T_;
+  velocity_ += faster_;
+  mu_.setZero();
+  faster_.setZero();
+  const SE3 T = T_;
+  const Vector6f velocity = velocity_;
+  float depth_sum = 0;
+  valid_ = 0;
+  for (int i = 0; i < count; ++i) {
+    PosePoint& point = points_[i];
+    Row& row = rows_[i];
+    const Vector3f p = moved_point(T * point.p_w, velocity, row.dt_s);
+    Vector2f px;
+    Matrix23f J_px_p;
+    row.valid = camera_->project(p, &px, &J_px_p);
+    if (!row.valid) {
+      point.error_sq = 1e12f;
+      point.weight = 0;
       continue;
     }
-    T = SE3::exp(mu) * T;
-    result.T_cw = {orthonormalised(T.R), T.t};
-    result.velocity = velocity + faster;
-    for (int i = 0; i < 6; ++i) {
-      float column[kUnknowns] = {};
-      column[pose + i] = 1;
-      factorised.solve(column, pose, unknowns);
-      for (int j = 0; j < 6; ++j) result.covariance(j, i) = unit[pose + i] * unit[pose + j] * column[pose + j];
+    const float scale = 1 / point.sigma;
+    for (int k = 0; k < 2; ++k) {
+      const float x = scale * J_px_p(k, 0), y = scale * J_px_p(k, 1), z = scale * J_px_p(k, 2);
+      row.J[k][0] = x;
+      row.J[k][1] = y;
+      row.J[k][2] = z;
+      row.J[k][3] = p.y() * z - p.z() * y;  // the rotation's: p x (x, y, z)
+      row.J[k][4] = p.z() * x - p.x() * z;
+      row.J[k][5] = p.x() * y - p.y() * x;
+      row.e_0[k] = row.e[k] = scale * (point.px[k] - px[k]);
     }
-    result.ok = result.T_cw.t.allFinite() && result.T_cw.R.allFinite() && result.covariance.allFinite();
-    if (!result.ok) result.T_cw = T_start;
-    return result;
+    depth_sum += p.z();
+    ++valid_;
   }
+  if (valid_ < kMinInliers) return Piece::kEnd;
+  mean_depth_ = depth_sum / static_cast<float>(valid_);
+  return Piece::kScale;
+}
+
+PoseUpdater::Piece PoseUpdater::follow() {
+  const Vector6f mu = mu_, faster = faster_;
+  for (size_t i = 0; i < points_.size(); ++i) {
+    Row& row = rows_[i];
+    if (!row.valid) continue;
+    for (int k = 0; k < 2; ++k) {
+      float e = row.e_0[k];
+      for (int c = 0; c < 6; ++c) e -= row.J[k][c] * (mu[c] + row.dt_s * faster[c]);
+      row.e[k] = e;
+    }
+  }
+  return Piece::kScale;
+}
+
+PoseUpdater::Piece PoseUpdater::estimate_scale() {
+  float squared[kMaxPoints];
+  valid_ = 0;
+  for (size_t i = 0; i < points_.size(); ++i) {
+    const Row& row = rows_[i];
+    if (!row.valid) continue;
+    points_[i].error_sq = row.e[0] * row.e[0] + row.e[1] * row.e[1];
+    squared[valid_++] = points_[i].error_sq;
+  }
+  result_.sigma = std::max(robust_sigma({squared, static_cast<size_t>(valid_)}), sigma_floor_);
+  sums_ = Sums();
+  summed_ = 0;
+  result_.inliers = 0;
+  result_.cost = tukey_cost(1e12f, result_.sigma) * static_cast<float>(static_cast<int>(points_.size()) - valid_);
+  return Piece::kSums;
+}
+
+PoseUpdater::Piece PoseUpdater::sum_up() {
+  const int count = static_cast<int>(points_.size());
+  const int end = std::min(count, summed_ + kSummedAtOnce);
+  const float sigma = result_.sigma;
+  meter_->charge(Work::kPosePoint, end - summed_);
+  for (; summed_ < end; ++summed_) {
+    PosePoint& point = points_[summed_];
+    const Row& row = rows_[summed_];
+    if (!row.valid) continue;
+    point.weight = tukey_weight(point.error_sq, sigma);
+    result_.cost += tukey_cost(point.error_sq, sigma);
+    if (point.weight == 0) continue;
+    ++result_.inliers;
+    sums_.add(row, point.weight);
+  }
+  if (end < count) return Piece::kSums;
+  return result_.inliers < kMinInliers ? Piece::kEnd : solve();
+}
+
+PoseUpdater::Piece PoseUpdater::solve() {
+  const int unknowns = velocity_free_ ? kUnknowns : kUnknowns - kPose;
+  const int pose = unknowns - kPose;  // the pose's place
+  // The prior's r = velocity - (mean + rate * moved) adds to both.
+  const float information = 1 / (result_.sigma * result_.sigma);
+  float H[kUnknowns][kUnknowns];
+  float g[kUnknowns];
+  for (int i = 0, k = 0; i < 6; ++i) {
+    for (int j = i; j < 6; ++j, ++k) {
+      H[pose + j][pose + i] = information * sums_.A[k];
+      if (!velocity_free_) continue;
+      H[j][i] = information * sums_.A_dt2[k];
+      H[pose + j][i] = H[pose + i][j] = information * sums_.A_dt[k];
+    }
+    g[pose + i] = information * sums_.b[i];
+    if (!velocity_free_) continue;
+    const float sigma = i < 3 ? prior_.sigma_translation : prior_.sigma_rotation;
+    const float W = 1 / (sigma * sigma);
+    const float r = velocity_[i] + faster_[i] - (prior_.mean[i] + prior_.rate_per_s * moved_[i]);
+    H[i][i] += W;
+    H[pose + i][i] -= W * prior_.rate_per_s;
+    H[pose + i][pose + i] += W * prior_.rate_per_s * prior_.rate_per_s;
+    g[i] = information * sums_.b_dt[i] - W * r;
+    g[pose + i] += W * prior_.rate_per_s * r;
+  }
+  // Scaled to a unit diagonal, which keeps the system within float32 and makes the pivots tell its conditioning.
+  float unit[kUnknowns];
+  for (int i = 0; i < unknowns; ++i) {
+    if (!(H[i][i] > 0)) return Piece::kEnd;
+    unit[i] = 1 / std::sqrt(H[i][i]);
+  }
+  for (int i = 0; i < unknowns; ++i) {
+    for (int j = 0; j < i; ++j) H[i][j] *= unit[i] * unit[j];
+    H[i][i] = 1;
+    g[i] *= unit[i];
+  }
+  Factorised factorised;
+  if (!factorised.factorise(H, unknowns)) return Piece::kEnd;
+  factorised.solve(g, 0, unknowns);
+
+  Vector6f step;
+  for (int i = 0; i < 6; ++i) {
+    step[i] = unit[pose + i] * g[pose + i];
+    if (velocity_free_) faster_[i] += unit[i] * g[i];
+  }
+  mu_ += step;
+  moved_ += step;
+  if (!step.allFinite() || !faster_.allFinite()) return Piece::kEnd;
+  const float size = step.head<3>().squaredNorm() / (mean_depth_ * mean_depth_) + step.tail<3>().squaredNorm();
+  if (size > kMaxStep) return Piece::kEnd;
+  const bool small = size < kConverged;
+  if (iteration_ < kIterations && !(small && full_)) {
+    confirm_ = small;
+    ++iteration_;
+    return Piece::kErrors;
+  }
+  const SE3 T = SE3::exp(mu_) * T_;
+  result_.T_cw = {orthonormalised(T.R), T.t};
+  result_.velocity = velocity_ + faster_;
+  for (int i = 0; i < 6; ++i) {
+    float column[kUnknowns] = {};
+    column[pose + i] = 1;
+    factorised.solve(column, pose, unknowns);
+    for (int j = 0; j < 6; ++j) result_.covariance(j, i) = unit[pose + i] * unit[pose + j] * column[pose + j];
+  }
+  result_.ok = result_.T_cw.t.allFinite() && result_.T_cw.R.allFinite() && result_.covariance.allFinite();
+  if (!result_.ok) result_.T_cw = T_start_;
+  return Piece::kEnd;
+}
+
+PoseUpdate update_pose(const CameraModel& camera, const RollingShutter& shutter, const SE3& T_start,
+                       const VelocityPrior& prior, std::span<PosePoint> points, float sigma_floor, WorkMeter& meter) {
+  PoseUpdater updater;
+  updater.start(camera, shutter, T_start, prior, points, sigma_floor, meter);
+  while (!updater.advance()) {
+  }
+  return updater.result();
 }
 
 }  // namespace pptam

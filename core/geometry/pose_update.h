@@ -53,6 +53,70 @@ struct PoseUpdate {
 PoseUpdate update_pose(const CameraModel& camera, const RollingShutter& shutter, const SE3& T_start,
                        const VelocityPrior& prior, std::span<PosePoint> points, float sigma_floor, WorkMeter& meter);
 
+// The same in pieces, parts of an iteration, for background jobs that pause in between:
+//
+//   updater.start(...);
+//   while (!updater.advance()) co_await slice();
+//   use(updater.result());
+//
+// The points must stay where they are until then. 19 KB.
+class PoseUpdater {
+ public:
+  void start(const CameraModel& camera, const RollingShutter& shutter, const SE3& T_start, const VelocityPrior& prior,
+             std::span<PosePoint> points, float sigma_floor, WorkMeter& meter);
+  bool advance();  // true at the end
+  const PoseUpdate& result() const { return result_; }
+
+ private:
+  static constexpr int kMaxPoints = 256;    // more are left out
+  static constexpr int kSummedAtOnce = 64;  // points
+  // A point's error e = e_0 - J (mu + dt velocity step), both rows divided by sigma.
+  struct Row {
+    float J[2][6];
+    float e_0[2];
+    float e[2];
+    float dt_s;
+    bool valid;
+  };
+  // Sums over the points of w J^T J and w J^T e, upper triangles row by row, with the factors 1, dt and dt^2.
+  struct Sums {
+    float A[21], A_dt[21], A_dt2[21];
+    float b[6], b_dt[6];
+    void add(const Row& row, float weight);
+  };
+  enum class Piece : uint8_t { kErrors, kScale, kSums, kEnd };
+  // Each returns what comes next.
+  Piece project();
+  Piece follow();
+  Piece estimate_scale();
+  Piece sum_up();
+  Piece solve();
+
+  const CameraModel* camera_ = nullptr;
+  WorkMeter* meter_ = nullptr;
+  SE3 T_start_;
+  VelocityPrior prior_;
+  std::span<PosePoint> points_;
+  float sigma_floor_ = 0;
+  bool velocity_free_ = false;
+
+  Piece next_ = Piece::kEnd;
+  int iteration_ = 0;
+  bool full_ = false;     // this iteration's errors are exact
+  bool confirm_ = false;  // the last step was small, but taken from errors that are not
+  int valid_ = 0;         // points that project
+  int summed_ = 0;        // points
+  float mean_depth_ = 1;
+  SE3 T_;              // of the last full projection
+  Vector6f velocity_;  // the same
+  Vector6f mu_;        // since then
+  Vector6f faster_;    // the same, of the velocity
+  Vector6f moved_;     // all steps since T_start, to first order
+  Sums sums_;
+  Row rows_[kMaxPoints];
+  PoseUpdate result_;
+};
+
 // T_cw at dt_s after the frame's timestamp.
 inline SE3 pose_at(const SE3& T_cw, const Vector6f& velocity, float dt_s) {
   return dt_s == 0 ? T_cw : SE3::exp(velocity * dt_s) * T_cw;

@@ -108,114 +108,137 @@ CornerDetector::CornerDetector(Arena& arena, int width_l0, int height_l0)
       maxima_(arena, ((width_l0 >> 3) + 1) * ((height_l0 >> 3) + 1)),
       taken_(arena, ((width_l0 >> 3) + 1) * ((height_l0 >> 3) + 1)) {}
 
-// Minimum eigenvalues for every pixel at least border - 1 inside, zero where they are below min_score: sums along rows,
-// kept for three rows, then down the columns. Then the maxima among those border inside.
-void CornerDetector::find_maxima(const GreyView& l2) {
-  static_assert(kRadiusL2 == 1);
-  const int border = std::max(params_.border_l2, kMinBorder);
-  if (l2.width <= 2 * border || l2.height <= 2 * border) return;
-  const int first_x = border - 1, last_x = l2.width - border;
-  const int first_y = border - 1, last_y = l2.height - border;
-  const float scale = 0.5f * tensor_scale(kRadiusL2);
-  const auto min_twice = static_cast<int32_t>(std::clamp(params_.min_score / scale, 0.0f, 4e6f));
-  const int32_t min_diagonal = min_twice / 2;  // neither eigenvalue exceeds xx or yy: that settles most pixels
-
-  score_.resize(l2.width * l2.height);
-  rows_.resize(3 * l2.width);
-  StructureTensor* rows[3];  // row sums of the rows y - 1, y, y + 1
-  for (int i = 0; i < 3; ++i) rows[i] = rows_.data() + i * l2.width;
-  sum_row(l2, first_y - 1, first_x, last_x, rows[0]);
-  sum_row(l2, first_y, first_x, last_x, rows[1]);
-  for (int y = first_y; y <= last_y; ++y) {
-    sum_row(l2, y + 1, first_x, last_x, rows[2]);
-    float* scores = score_.data() + y * l2.width;
-    for (int x = first_x; x <= last_x; ++x) {
-      scores[x] = 0;
-      const int32_t xx = rows[0][x].xx + rows[1][x].xx + rows[2][x].xx;
-      if (xx < min_diagonal) continue;
-      const int32_t yy = rows[0][x].yy + rows[1][x].yy + rows[2][x].yy;
-      if (yy < min_diagonal) continue;
-      const StructureTensor sum = {xx, rows[0][x].xy + rows[1][x].xy + rows[2][x].xy, yy};
-      if (twice_smaller_exceeds(sum, min_twice)) scores[x] = scale * twice_smaller_eigenvalue(sum);
-    }
-    std::rotate(rows, rows + 1, rows + 3);
-  }
-
-  for (int y = border; y < l2.height - border; ++y) {
-    const float* scores = score_.data() + y * l2.width;
-    for (int x = border; x < l2.width - border; ++x) {
-      if (scores[x] == 0 || !is_maximum(scores + x, l2.width)) continue;
-      Maximum maximum;
-      maximum.score = scores[x];
-      maximum.x = static_cast<int16_t>(x);
-      maximum.y = static_cast<int16_t>(y);
-      maximum.cell =
-          static_cast<int16_t>(y * params_.cells_y / l2.height * params_.cells_x + x * params_.cells_x / l2.width);
-      maxima_.push_back(maximum);
-    }
-  }
-}
-
 void CornerDetector::start(const Pyramid& pyramid, const CornerParams& params) {
   // Five steps cannot leave the part of L1 and L0 where neighbourhoods can be scored: see the start of the ascent.
   PPTAM_ASSERT(params.max_ascent_steps >= 1 && params.max_ascent_steps <= 5);
-  PPTAM_ASSERT(params.cells_x >= 1 && params.cells_y >= 1);
+  PPTAM_ASSERT(params.cells_x >= 1 && params.cells_y >= 1 && params.cells_x * params.cells_y <= kMaxCells);
   pyramid_ = pyramid;
   params_ = params;
   maxima_.clear();
   taken_.clear();
+  turn_.clear();
   next_ = 0;
+  scored_pixels_ = 0;
   ascent_steps_ = 0;
-  find_maxima(pyramid.level[2]);
-
-  // Both orders are total, so that every sort routine gives the same result.
-  const auto better = [](const Maximum& a, const Maximum& b) {
-    if (a.score != b.score) return a.score > b.score;
-    return a.y != b.y ? a.y < b.y : a.x < b.x;
-  };
-  std::sort(maxima_.begin(), maxima_.end(),
-            [&](const Maximum& a, const Maximum& b) { return a.cell != b.cell ? a.cell < b.cell : better(a, b); });
-  for (int i = 0; i < maxima_.size(); ++i) {
-    const bool same_cell = i > 0 && maxima_[i - 1].cell == maxima_[i].cell;
-    maxima_[i].turn = same_cell ? static_cast<int16_t>(maxima_[i - 1].turn + 1) : int16_t{0};
-  }
-  std::sort(maxima_.begin(), maxima_.end(),
-            [&](const Maximum& a, const Maximum& b) { return a.turn != b.turn ? a.turn < b.turn : better(a, b); });
+  const GreyView& l2 = pyramid.level[2];
+  border_ = std::max(params.border_l2, kMinBorder);
+  score_.resize(l2.width * l2.height);
+  rows_.resize(3 * l2.width);
+  row_ = std::min(l2.width, l2.height) > 2 * border_ ? border_ - 1 : l2.height;
 }
 
-bool CornerDetector::next(Corner* corner) {
-  const int width = pyramid_.level[2].width;
-  while (next_ < maxima_.size()) {
-    const Maximum& maximum = maxima_[next_++];
-    // The middle of the L2 pixel is at 2 x + 0.5 in L1, as in to_level0(): start on the side with the greater score.
-    // Border: 2 x 5 - 5 steps = 5 in L1, more in L0.
-    const float* score = score_.data() + maximum.y * width + maximum.x;
-    int x = 2 * maximum.x + (score[1] > score[-1] ? 1 : 0);
-    int y = 2 * maximum.y + (score[width] > score[-width] ? 1 : 0);
-    const float score_l1 = ascend<kRadiusL1>(pyramid_.level[1], params_.max_ascent_steps, &x, &y, &ascent_steps_);
-    if (score_l1 < params_.min_score) continue;
-    x *= 2;  // rounded down, the other neighbours of the middle are within the first 3x3
-    y *= 2;
-    const float score_l0 = ascend<kRadiusL0>(pyramid_.level[0], params_.max_ascent_steps, &x, &y, &ascent_steps_);
-    if (score_l0 < params_.min_score) continue;
-    const bool apart = std::none_of(taken_.begin(), taken_.end(), [&](const Corner& other) {
-      const int dy = other.y - y;
-      if (dy >= kMinDistance || dy <= -kMinDistance) return false;
-      const int dx = other.x - x;
-      return dx * dx + dy * dy < kMinDistance * kMinDistance;
-    });
-    if (!apart) continue;
-    *corner = {static_cast<int16_t>(x), static_cast<int16_t>(y), std::min({maximum.score, score_l1, score_l0})};
-    taken_.push_back(*corner);
-    return true;
+// Minimum eigenvalues of one row, for every pixel at least border - 1 inside, zero where they are below min_score: sums
+// along rows, kept for three rows, then down the columns. Then the maxima of the row before, which is border inside.
+void CornerDetector::score_row() {
+  static_assert(kRadiusL2 == 1);
+  const GreyView& l2 = pyramid_.level[2];
+  const int y = row_++;
+  const int first_x = border_ - 1, last_x = l2.width - border_;
+  const float scale = 0.5f * tensor_scale(kRadiusL2);
+  const auto min_twice = static_cast<int32_t>(std::clamp(params_.min_score / scale, 0.0f, 4e6f));
+  const int32_t min_diagonal = min_twice / 2;  // neither eigenvalue exceeds xx or yy: that settles most pixels
+  scored_pixels_ += l2.width;
+
+  const auto sums_of = [&](int row) { return rows_.data() + row % 3 * l2.width; };
+  if (y == border_ - 1) {
+    sum_row(l2, y - 1, first_x, last_x, sums_of(y - 1));
+    sum_row(l2, y, first_x, last_x, sums_of(y));
   }
-  return false;
+  sum_row(l2, y + 1, first_x, last_x, sums_of(y + 1));
+  const StructureTensor* const above = sums_of(y - 1);
+  const StructureTensor* const middle = sums_of(y);
+  const StructureTensor* const below = sums_of(y + 1);
+  float* scores = score_.data() + y * l2.width;
+  for (int x = first_x; x <= last_x; ++x) {
+    scores[x] = 0;
+    const int32_t xx = above[x].xx + middle[x].xx + below[x].xx;
+    if (xx < min_diagonal) continue;
+    const int32_t yy = above[x].yy + middle[x].yy + below[x].yy;
+    if (yy < min_diagonal) continue;
+    const StructureTensor sum = {xx, above[x].xy + middle[x].xy + below[x].xy, yy};
+    if (twice_smaller_exceeds(sum, min_twice)) scores[x] = scale * twice_smaller_eigenvalue(sum);
+  }
+
+  if (y <= border_) return;
+  scores -= l2.width;
+  const int cell_row = (y - 1) * params_.cells_y / l2.height * params_.cells_x;
+  for (int x = border_; x < l2.width - border_; ++x) {
+    if (scores[x] == 0 || !is_maximum(scores + x, l2.width)) continue;
+    Maximum maximum;
+    maximum.score = scores[x];
+    maximum.x = static_cast<int16_t>(x);
+    maximum.y = static_cast<int16_t>(y - 1);
+    maximum.cell = static_cast<int16_t>(cell_row + x * params_.cells_x / l2.width);
+    maxima_.push_back(maximum);
+  }
+}
+
+// The best maximum left in each bucket, best first.
+void CornerDetector::order_turn() {
+  int16_t best[kMaxCells];
+  std::fill_n(best, kMaxCells, int16_t{-1});
+  for (int i = 0; i < maxima_.size(); ++i) {
+    const Maximum& maximum = maxima_[i];
+    if (maximum.cell < 0) continue;
+    int16_t& leader = best[maximum.cell];
+    if (leader < 0 || better(maximum, maxima_[leader])) leader = static_cast<int16_t>(i);
+  }
+  turn_.clear();
+  next_ = 0;
+  for (const int16_t i : best) {
+    if (i < 0) continue;
+    maxima_[i].cell = -1;
+    turn_.push_back(i);
+  }
+  std::sort(turn_.begin(), turn_.end(), [&](int16_t a, int16_t b) { return better(maxima_[a], maxima_[b]); });
+}
+
+// Ascends to L0; false if the maximum is no corner there, or another has been found next to it.
+bool CornerDetector::follow(const Maximum& maximum, Corner* corner) {
+  const int width = pyramid_.level[2].width;
+  // The middle of the L2 pixel is at 2 x + 0.5 in L1, as in to_level0(): start on the side with the greater score.
+  // Border: 2 x 5 - 5 steps = 5 in L1, more in L0.
+  const float* score = score_.data() + maximum.y * width + maximum.x;
+  int x = 2 * maximum.x + (score[1] > score[-1] ? 1 : 0);
+  int y = 2 * maximum.y + (score[width] > score[-width] ? 1 : 0);
+  const float score_l1 = ascend<kRadiusL1>(pyramid_.level[1], params_.max_ascent_steps, &x, &y, &ascent_steps_);
+  if (score_l1 < params_.min_score) return false;
+  x *= 2;  // rounded down, the other neighbours of the middle are within the first 3x3
+  y *= 2;
+  const float score_l0 = ascend<kRadiusL0>(pyramid_.level[0], params_.max_ascent_steps, &x, &y, &ascent_steps_);
+  if (score_l0 < params_.min_score) return false;
+  const bool apart = std::none_of(taken_.begin(), taken_.end(), [&](const Corner& other) {
+    const int dy = other.y - y;
+    if (dy >= kMinDistance || dy <= -kMinDistance) return false;
+    const int dx = other.x - x;
+    return dx * dx + dy * dy < kMinDistance * kMinDistance;
+  });
+  if (!apart) return false;
+  *corner = {static_cast<int16_t>(x), static_cast<int16_t>(y), std::min({maximum.score, score_l1, score_l0})};
+  taken_.push_back(*corner);
+  return true;
+}
+
+CornerProgress CornerDetector::advance(Corner* corner) {
+  if (row_ <= pyramid_.level[2].height - border_) {
+    score_row();
+    return CornerProgress::kWorking;
+  }
+  if (next_ == turn_.size()) {
+    order_turn();
+    return turn_.size() == 0 ? CornerProgress::kEnd : CornerProgress::kWorking;
+  }
+  return follow(maxima_[turn_[next_++]], corner) ? CornerProgress::kFound : CornerProgress::kWorking;
 }
 
 int CornerDetector::detect(const Pyramid& pyramid, const CornerParams& params, std::span<Corner> out) {
   start(pyramid, params);
   int count = 0;
-  while (count < static_cast<int>(out.size()) && next(&out[static_cast<size_t>(count)])) ++count;
+  while (count < static_cast<int>(out.size())) {
+    const CornerProgress progress = advance(&out[static_cast<size_t>(count)]);
+    if (progress == CornerProgress::kEnd) break;
+    count += progress == CornerProgress::kFound;
+  }
   return count;
 }
 

@@ -34,7 +34,7 @@ struct CornerParams {
   int max_ascent_steps = 3;  // [phone 3.1]; at most 5
   // The image is divided into cells_x x cells_y buckets; corners are taken in turns from each, best first, so that one
   // textured area does not take them all.
-  int cells_x = 6;
+  int cells_x = 6;  // cells_x * cells_y at most 64
   int cells_y = 8;
 };
 
@@ -42,10 +42,14 @@ struct CornerParams {
 // must be at least 4 pixels inside. Central differences (I(x+1) - I(x-1)) / 2.
 float shi_tomasi_score(const GreyView& image, int x, int y);
 
-// Finds corners one after the other, so that a caller takes no more than it needs and may pause in between:
+enum class CornerProgress : uint8_t { kWorking, kFound, kEnd };
+
+// Finds corners one after the other, so that a caller takes no more than it needs, in short pieces between which it may
+// pause: a row of L2 scored, one turn through the buckets put into order, or one maximum of L2 followed to L0.
 //
 //   detector.start(pyramid, params);
-//   while (detector.next(&corner)) ...
+//   for (CornerProgress p; (p = detector.advance(&corner)) != CornerProgress::kEnd;)
+//     if (p == CornerProgress::kFound) ...
 //
 // The order is fixed: by turns from the buckets, the strongest in L2 first. Two corners are never closer than 6 level-0
 // pixels. The pyramid must stay as it is until the last call. No allocation; memory is about 10 bytes for each L2
@@ -55,22 +59,30 @@ class CornerDetector {
   CornerDetector() = default;
   CornerDetector(Arena& arena, int width_l0, int height_l0);
 
-  void start(const Pyramid& pyramid, const CornerParams& params);  // scores L2
-  bool next(Corner* corner);                                       // ascends to L0; false at the end
+  void start(const Pyramid& pyramid, const CornerParams& params);
+  CornerProgress advance(Corner* corner);
   // Both for all that fit into out; returns their number.
   int detect(const Pyramid& pyramid, const CornerParams& params, std::span<Corner> out);
 
-  // 3x3 steps made in L1 and L0 since start: what the work meter charges.
+  // L2 pixels of the rows scored, and 3x3 steps made in L1 and L0, since start: what the work meter charges.
+  int scored_pixels() const { return scored_pixels_; }
   int ascent_steps() const { return ascent_steps_; }
 
  private:
   struct Maximum {  // of the L2 score
     float score = 0;
     int16_t x = 0, y = 0;  // L2 pixels
-    int16_t cell = 0;      // bucket, row-major
-    int16_t turn = 0;      // rank within its bucket
+    int16_t cell = 0;      // bucket, row-major; -1: had its turn
   };
-  void find_maxima(const GreyView& l2);
+  static constexpr int kMaxCells = 64;
+  // Both orders are total, so that every sort routine gives the same result.
+  static bool better(const Maximum& a, const Maximum& b) {
+    if (a.score != b.score) return a.score > b.score;
+    return a.y != b.y ? a.y < b.y : a.x < b.x;
+  }
+  void score_row();
+  void order_turn();
+  bool follow(const Maximum& maximum, Corner* corner);
 
   FixedVector<float> score_;           // L2 pixels
   FixedVector<StructureTensor> rows_;  // 3 x L2 width
@@ -78,7 +90,11 @@ class CornerDetector {
   FixedVector<Corner> taken_;
   Pyramid pyramid_;
   CornerParams params_;
-  int next_ = 0;
+  int border_ = 0;                         // L2 pixels
+  int row_ = 0;                            // of L2, the next to be scored
+  InlineVector<int16_t, kMaxCells> turn_;  // the best maximum left in each bucket when the turn began, best first
+  int next_ = 0;                           // in turn_
+  int scored_pixels_ = 0;
   int ascent_steps_ = 0;
 };
 

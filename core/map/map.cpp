@@ -153,12 +153,16 @@ void Map::erase_keyframe(int index) {
   }
   keyframes[index].erased = true;
   for (int k = 0; k < keyframes.size(); ++k) {
-    Keyframe& keyframe = keyframes[k];
-    if (keyframe.id == 0 || !keyframe.erased || (k != index && keyframe.anchor != index)) continue;
-    keyframe.anchor = static_cast<int16_t>(nearest_live(k));
-    keyframe.T_anchor = keyframe.T_kw * keyframes[keyframe.anchor].T_kw.inverse();
-    keyframe.T_anchor.R = orthonormalised(keyframe.T_anchor.R);
+    const Keyframe& keyframe = keyframes[k];
+    if (keyframe.id != 0 && keyframe.erased && (k == index || keyframe.anchor == index)) anchor_keyframe(k);
   }
+}
+
+void Map::anchor_keyframe(int index, int except) {
+  Keyframe& keyframe = keyframes[index];
+  keyframe.anchor = static_cast<int16_t>(nearest_live(index, except));
+  keyframe.T_anchor = keyframe.T_kw * keyframes[keyframe.anchor].T_kw.inverse();
+  keyframe.T_anchor.R = orthonormalised(keyframe.T_anchor.R);
 }
 
 void Map::forget_keyframe(int index) {

@@ -151,6 +151,8 @@ struct Map {
   // Live to erased: its measurements go, and with them points that are left with fewer than two; it is anchored, and
   // what was anchored to it anew. Not the datum.
   void erase_keyframe(int index);
+  // Ties an erased keyframe to the live one nearest to it, which is not `except`.
+  void anchor_keyframe(int index, int except = -1);
   // Empties the slot of an erased keyframe for good. Points whose patch source it was get another one among the
   // keyframes that measure them; partial points go.
   void forget_keyframe(int index);

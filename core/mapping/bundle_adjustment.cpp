@@ -80,7 +80,8 @@ Task BundleAdjuster::gather(int newest, bool velocities) {
     camera.prior_information = prior_information(keyframe.mean_depth);
     engine_.cameras().push_back(camera);
   }
-  free_cameras(newest, velocities);
+  meter_.charge(Work::kOther, 400LL * map_.keyframes.size());
+  co_await free_cameras(newest, velocities);
   for (int i = 0; i < map_.points.size(); ++i) {
     const MapPoint& point = map_.points[i];
     if (point.id == 0) continue;
@@ -89,7 +90,11 @@ Task BundleAdjuster::gather(int newest, bool velocities) {
       const Engine::Camera& camera = engine_.cameras()[m.keyframe];
       seen_by_free |= camera.pose_free || camera.velocity_free;
     }
-    if (!seen_by_free) continue;
+    if (!seen_by_free) {
+      meter_.charge(Work::kOther, 20LL * point.measurements.size());
+      co_await background_.slice();
+      continue;
+    }
     Engine::Point entry;
     entry.first = engine_.observations().size();
     entry.p = point.p_w;
@@ -121,7 +126,7 @@ Task BundleAdjuster::gather(int newest, bool velocities) {
 
 // All, or the newest and the nearest to it. The first keyframe's pose is the datum; its velocity may be free all the
 // same.
-void BundleAdjuster::free_cameras(int newest, bool velocities) {
+Task BundleAdjuster::free_cameras(int newest, bool velocities) {
   FixedVector<Engine::Camera>& cameras = engine_.cameras();
   if (newest < 0) {
     for (int k = 0; k < cameras.size(); ++k) {
@@ -129,7 +134,7 @@ void BundleAdjuster::free_cameras(int newest, bool velocities) {
       cameras[k].pose_free = live && k > 0;
       cameras[k].velocity_free = live && velocities;
     }
-    return;
+    co_return;
   }
   const Vector3f centre = map_.keyframes[newest].T_kw.centre();
   for (int count = 0; count < kLocalCameras; ++count) {
@@ -146,6 +151,8 @@ void BundleAdjuster::free_cameras(int newest, bool velocities) {
     if (best < 0) break;
     cameras[best].pose_free = true;
     cameras[best].velocity_free = velocities;
+    meter_.charge(Work::kOther, 300LL * cameras.size());
+    co_await background_.slice();
   }
 }
 
@@ -197,7 +204,7 @@ Task BundleAdjuster::discard_outliers() {
     for (int j = point.measurements.size() - 1; j >= 0; --j)
       if (outlier[j]) point.measurements.erase_at(j);
     if (source_is_outlier || point.measurements.size() < 2) map_.remove_point(point_indices_[i]);
-    meter_.charge(Work::kOther, 50);
+    meter_.charge(Work::kOther, 30 + 25LL * entry.count);
     co_await background_.slice();
   }
 }

@@ -48,7 +48,7 @@ class BundleAdjuster {
   using Engine = BundleEngine<float, Projection>;
 
   Task gather(int newest, bool velocities);
-  void free_cameras(int newest, bool velocities);
+  Task free_cameras(int newest, bool velocities);
   Task discard_outliers();
   void commit();
   void hold_scale(const SE3& T_last);

@@ -30,6 +30,9 @@ constexpr float kImageBorder_px = 12.0f;
 constexpr float kMinReliability = 0.3f;
 constexpr int kMinAttempts = 20;
 constexpr int kPlaneTrials = 100;
+// Instructions, as counted for the ARM1176.
+constexpr int64_t kPredictionInstructions = 700;      // of a point in a keyframe
+constexpr int64_t kTriangulationInstructions = 3500;  // of a partial point, with its checks
 constexpr int kVelocityRounds = 3;  // bundle adjustments with re-estimated velocities after each keyframe
 
 }  // namespace
@@ -103,17 +106,21 @@ Task Mapper::run() {
 }
 
 // What is measured in a keyframe, at most so many, into pose_points_.
-void Mapper::gather_pose_points(int keyframe, int most) {
+Task Mapper::gather_pose_points(int keyframe, int most) {
   pose_points_.clear();
   for (const MapPoint& point : map_.points) {
+    if (pose_points_.size() >= most) break;
     if (point.id == 0) continue;
+    meter_.charge(Work::kOther, 50 + 20LL * point.measurements.size());
+    co_await slice();
     for (const Measurement& m : point.measurements) {
-      if (m.keyframe != keyframe || pose_points_.size() >= most) continue;
+      if (m.keyframe != keyframe) continue;
       PosePoint p;
       p.p_w = point.p_w;
       p.px = m.px;
       p.sigma = m.sigma;
       pose_points_.push_back(p);
+      break;
     }
   }
 }
@@ -123,19 +130,20 @@ Task Mapper::locate_initial_views(bool* good) {
   *good = true;
   const int count = map_.keyframes.size();
   for (int k = count - 2; k > 0; --k) {
-    gather_pose_points(k, kLocatingPoints);
+    co_await gather_pose_points(k, kLocatingPoints);
     VelocityPrior prior;
     prior.sigma_translation = kInitialVelocitySigmaTranslation * map_.keyframes[k].mean_depth;
     prior.sigma_rotation = kInitialVelocitySigmaRotation;
-    const PoseUpdate update = update_pose(config_.camera, config_.shutter, map_.keyframes[k + 1].T_kw, prior,
-                                          pose_points_, kRobustSigmaFloor, meter_);
+    pose_.start(config_.camera, config_.shutter, map_.keyframes[k + 1].T_kw, prior, pose_points_, kRobustSigmaFloor,
+                meter_);
+    while (!pose_.advance()) co_await slice();
+    const PoseUpdate& update = pose_.result();
     if (!update.ok || !(update.sigma < kMaxInitialSigma)) {
       *good = false;
       co_return;
     }
     map_.keyframes[k].T_kw = update.T_cw;
     map_.keyframes[k].velocity = update.velocity;
-    co_await slice();
   }
 }
 
@@ -170,9 +178,10 @@ Task Mapper::measure_initial_velocities() {
       prior.sigma_translation = kVelocitySigmaTranslation * keyframe.mean_depth;
       prior.sigma_rotation = kVelocitySigmaRotation;
       const float dt_s = static_cast<float>(neighbour.timestamp_ns - keyframe.timestamp_ns) * 1e-9f;
-      const PoseUpdate update =
-          update_pose(config_.camera, config_.shutter, pose_at(keyframe.T_kw, keyframe.velocity, dt_s), prior,
-                      pose_points_, kRobustSigmaFloor, meter_);
+      pose_.start(config_.camera, config_.shutter, pose_at(keyframe.T_kw, keyframe.velocity, dt_s), prior, pose_points_,
+                  kRobustSigmaFloor, meter_);
+      while (!pose_.advance()) co_await slice();
+      const PoseUpdate& update = pose_.result();
       if (update.ok && dt_s < 0) {
         T_first = update.T_cw;
         first_ns = neighbour.timestamp_ns;
@@ -180,7 +189,6 @@ Task Mapper::measure_initial_velocities() {
         T_last = update.T_cw;
         last_ns = neighbour.timestamp_ns;
       }
-      co_await slice();
     }
     const float dt_s = static_cast<float>(last_ns - first_ns) * 1e-9f;
     mean[k] = dt_s > 0 ? Vector6f((T_last * T_first.inverse()).log() / dt_s) : keyframe.velocity;
@@ -203,9 +211,11 @@ Task Mapper::finish_initial_map() {
     co_await measure_initial_velocities();
     co_await bundle_.run(-1, true, kInitialIterations);
   }
-  if (!good || bundle_.result().sigma > kMaxInitialSigma || map_.point_count() < kMinInitialPoints ||
-      !align_to_dominant_plane()) {
+  good = good && !(bundle_.result().sigma > kMaxInitialSigma) && map_.point_count() >= kMinInitialPoints;
+  if (good) co_await align_to_dominant_plane(&good);
+  if (!good) {
     map_.clear();
+    meter_.charge(Work::kOther, 100LL * map_.points.size());
     resting_ = true;
     co_await rest();  // the next slice starts afresh: the epoch has changed
     co_return;
@@ -218,14 +228,15 @@ Task Mapper::finish_initial_map() {
 // Dominant plane to z = 0 with z towards the camera, origin where the first keyframe's axis meets it, x along the first
 // camera's x; the first view is config.initial_plane_distance away from the plane, or the initial views reach
 // config.initial_baseline from the first [ptam 6.1].
-bool Mapper::align_to_dominant_plane() {
+Task Mapper::align_to_dominant_plane(bool* good) {
+  *good = false;
   const SE3 T_1w = map_.keyframes[0].T_kw;
   const float depth = map_.keyframes[0].mean_depth;
   const float threshold = 0.02f * depth;
-  int indices[512];
+  int16_t indices[512];
   int count = 0;
   for (int i = 0; i < map_.points.size() && count < 512; ++i)
-    if (map_.points[i].id != 0) indices[count++] = i;
+    if (map_.points[i].id != 0) indices[count++] = static_cast<int16_t>(i);
   const auto p_1 = [&](int i) -> Vector3f { return T_1w * map_.points[indices[i]].p_w; };
   // Three points at a time, by a fixed sequence: the same plane on every run and target.
   uint32_t state = 12345;
@@ -239,6 +250,8 @@ bool Mapper::align_to_dominant_plane() {
     const int i = next(count);
     const int j = next(count);
     const int k = next(count);
+    meter_.charge(Work::kOther, 75LL * count);
+    co_await slice();
     const Vector3f cross = (p_1(j) - p_1(i)).cross(p_1(k) - p_1(i));
     if (!(cross.norm() > 1e-3f * depth * depth)) continue;
     const Vector3f n = cross.normalized();
@@ -251,8 +264,7 @@ bool Mapper::align_to_dominant_plane() {
       offset = d;
     }
   }
-  meter_.charge(Work::kOther, static_cast<int64_t>(kPlaneTrials) * count * 20);
-  if (best_cost > 1e29f) return false;
+  if (best_cost > 1e29f) co_return;
   // Least squares over the inliers.
   for (int round = 0; round < 3; ++round) {
     Vector3f mean = Vector3f::Zero();
@@ -262,7 +274,7 @@ bool Mapper::align_to_dominant_plane() {
       mean += p_1(m);
       ++inliers;
     }
-    if (inliers < 6) return false;
+    if (inliers < 6) co_return;
     mean /= static_cast<float>(inliers);
     Matrix3f scatter = Matrix3f::Zero();
     for (int m = 0; m < count; ++m) {
@@ -271,9 +283,11 @@ bool Mapper::align_to_dominant_plane() {
       scatter += (p - mean) * (p - mean).transpose();
     }
     const Eigen::SelfAdjointEigenSolver<Matrix3f> solver(scatter);
-    if (solver.info() != Eigen::Success) return false;
+    if (solver.info() != Eigen::Success) co_return;
     normal = solver.eigenvectors().col(0);
     offset = normal.dot(mean);
+    meter_.charge(Work::kOther, 150LL * count);
+    co_await slice();
   }
   if (offset < 0) {
     normal = -normal;
@@ -281,7 +295,7 @@ bool Mapper::align_to_dominant_plane() {
   }
   // Up is from the plane to the camera, which sits at the origin of its own frame.
   const Vector3f z = -normal;
-  if (!(normal.z() > 0.05f)) return false;  // the axis does not meet it
+  if (!(normal.z() > 0.05f)) co_return;  // the axis does not meet it
   const Vector3f origin = Vector3f::UnitZ() * (offset / normal.z());
   const Vector3f x = (Vector3f::UnitX() - z * z.x()).normalized();
   const Vector3f y = z.cross(x);
@@ -292,7 +306,7 @@ bool Mapper::align_to_dominant_plane() {
   float baseline = 0;  // of the initial views, the longest from the first
   for (const Keyframe& keyframe : map_.keyframes)
     baseline = std::max(baseline, (keyframe.T_kw.centre() - map_.keyframes[0].T_kw.centre()).norm());
-  if (!(baseline > 1e-6f) || !R.allFinite()) return false;
+  if (!(baseline > 1e-6f) || !R.allFinite()) co_return;
   Similarity S;
   S.T = SE3(R, -(R * origin)) * T_1w;
   S.scale = config_.initial_plane_distance > 0 ? config_.initial_plane_distance / offset
@@ -304,7 +318,8 @@ bool Mapper::align_to_dominant_plane() {
     if (std::abs(point.p_w.z()) < threshold * S.scale)
       point.source.normal = map_.keyframes[point.source.keyframe].T_kw.R.col(2);
   }
-  return true;
+  meter_.charge(Work::kOther, 60LL * map_.points.size() + 500LL * map_.keyframes.size());
+  *good = true;
 }
 
 bool Mapper::predict_in_keyframe(int keyframe, const Vector3f& p_w, Vector2f* px, SE3* T_line) const {
@@ -368,6 +383,7 @@ Task Mapper::make_room() {
 Task Mapper::cull_surplus_measurements() {
   for (MapPoint& point : map_.points) {
     cull_measurements(map_, config_.camera, point, meter_);
+    meter_.charge(Work::kOther, 30);
     co_await slice();
   }
 }
@@ -380,12 +396,14 @@ Task Mapper::measure_remaining_points(int keyframe) {
   for (int i = 0; i < map_.points.size(); ++i) {
     MapPoint& point = map_.points[i];
     if (point.id == 0) continue;
+    co_await slice();
     bool measured = false;
     for (const Measurement& m : point.measurements) measured |= m.keyframe == keyframe;
+    meter_.charge(Work::kOther, 100);
     if (measured) continue;
     Vector2f px;
     SE3 T_line;
-    meter_.charge(Work::kPointProjected, 1);
+    meter_.charge(Work::kOther, kPredictionInstructions);
     if (!predict_in_keyframe(keyframe, point.p_w, &px, &T_line)) continue;
     FoundPatch found;
     if (find_point(map_, config_.camera, point.source, point.p_w, T_line, map_.keyframes[keyframe].pyramid, px, options,
@@ -393,7 +411,6 @@ Task Mapper::measure_remaining_points(int keyframe) {
       point.measurements.push_back({found.px, found.sigma, static_cast<int16_t>(keyframe)});
       cull_measurements(map_, config_.camera, point, meter_);
     }
-    co_await slice();
   }
 }
 
@@ -411,6 +428,7 @@ Task Mapper::promote_partial_points(int keyframe) {
     Vector3f p_w = T_ws * Vector3f(partial.ray / partial.inverse_depth);
     Vector2f px;
     SE3 T_line;
+    meter_.charge(Work::kOther, 2 * kPredictionInstructions);
     if (!predict_in_keyframe(keyframe, p_w, &px, &T_line)) continue;
     // Along the epipolar line as far as two sigma of the depth reach, from either side.
     const float sigma_q = partial.information > 0 ? 1.0f / std::sqrt(partial.information) : partial.inverse_depth;
@@ -428,6 +446,7 @@ Task Mapper::promote_partial_points(int keyframe) {
     ++partial.attempts;
     if (outcome == SearchOutcome::kNotFound) continue;
     ++partial.found;
+    meter_.charge(Work::kOther, kTriangulationInstructions);
     const Vector2f px_source =
         global_shutter_px(config_.camera, config_.shutter, source.velocity, source.T_kw * p_w, partial.source.px);
     const Vector2f px_target =
@@ -484,9 +503,9 @@ Task Mapper::add_partial_points(int keyframe) {
     Vector2f px;
     SE3 T_line;
     if (predict_in_keyframe(keyframe, point.p_w, &px, &T_line)) occupied_.push_back(px);
+    meter_.charge(Work::kOther, kPredictionInstructions);
+    co_await slice();
   }
-  meter_.charge(Work::kPointProjected, map_.points.size());
-  co_await slice();
   for (const PartialPoint& partial : map_.partial_points) {
     if (partial.id == 0) continue;
     const SE3 T_ws = map_.keyframes[partial.source.keyframe].T_kw.inverse();
@@ -494,22 +513,26 @@ Task Mapper::add_partial_points(int keyframe) {
     SE3 T_line;
     if (predict_in_keyframe(keyframe, T_ws * Vector3f(partial.ray / partial.inverse_depth), &px, &T_line))
       occupied_.push_back(px);
+    meter_.charge(Work::kOther, kPredictionInstructions);
+    co_await slice();
   }
-  co_await slice();
   corner_detector_.start(frame.pyramid, CornerParams());
-  meter_.charge(Work::kCornerPixel, static_cast<int64_t>(frame.pyramid.level[2].width) * frame.pyramid.level[2].height);
-  co_await slice();
-  int added = 0, steps = 0;
+  int added = 0, pixels = 0, steps = 0;
   Corner corner;
-  while (added < config_.max_new_partial_points && corner_detector_.next(&corner)) {
+  while (added < config_.max_new_partial_points) {
+    const CornerProgress progress = corner_detector_.advance(&corner);
+    meter_.charge(Work::kCornerPixel, corner_detector_.scored_pixels() - pixels);
     meter_.charge(Work::kCornerAscent, corner_detector_.ascent_steps() - steps);
+    pixels = corner_detector_.scored_pixels();
     steps = corner_detector_.ascent_steps();
+    co_await slice();
+    if (progress == CornerProgress::kEnd) break;
+    if (progress != CornerProgress::kFound) continue;
     const Vector2f px(static_cast<float>(corner.x), static_cast<float>(corner.y));
     bool free = true;
     for (const Vector2f& other : occupied_)
       free = free && (other - px).squaredNorm() > kMinCornerDistance_px * kMinCornerDistance_px;
     meter_.charge(Work::kOther, 6LL * occupied_.size());
-    co_await slice();
     if (!free) continue;
     const int index = map_.add_partial_point();
     if (index < 0) co_return;
@@ -532,14 +555,14 @@ Task Mapper::update_velocities() {
   for (int k = 0; k < map_.keyframes.size(); ++k) {
     Keyframe& keyframe = map_.keyframes[k];
     if (!keyframe.live()) continue;
-    gather_pose_points(k, pose_points_.capacity());
+    co_await gather_pose_points(k, pose_points_.capacity());
     VelocityPrior prior;
     prior.mean = keyframe.velocity_prior;
     prior.sigma_translation = kVelocitySigmaTranslation * keyframe.mean_depth;
     prior.sigma_rotation = kVelocitySigmaRotation;
-    const PoseUpdate update =
-        update_pose(config_.camera, config_.shutter, keyframe.T_kw, prior, pose_points_, kRobustSigmaFloor, meter_);
-    if (update.ok) keyframe.velocity = update.velocity;
+    pose_.start(config_.camera, config_.shutter, keyframe.T_kw, prior, pose_points_, kRobustSigmaFloor, meter_);
+    while (!pose_.advance()) co_await slice();
+    if (pose_.result().ok) keyframe.velocity = pose_.result().velocity;
     co_await slice();
   }
 }

@@ -35,8 +35,8 @@ class Mapper : public Background {
   Task add_partial_points(int keyframe);
   Task update_velocities();
   Task discard_unreliable_points();
-  void gather_pose_points(int keyframe, int most);
-  bool align_to_dominant_plane();
+  Task gather_pose_points(int keyframe, int most);
+  Task align_to_dominant_plane(bool* good);
   // Where the point appears in the keyframe, rolling shutter included.
   bool predict_in_keyframe(int keyframe, const Vector3f& p_w, Vector2f* px, SE3* T_line) const;
 
@@ -46,6 +46,7 @@ class Mapper : public Background {
   KeyframeCuller culler_;
   CornerDetector corner_detector_;
   FixedVector<PosePoint> pose_points_;
+  PoseUpdater pose_;
   FixedVector<Vector2f> occupied_;  // level-0 pixels of a keyframe that already have a point
   Task task_;
   bool resting_ = true;  // the job has nothing left to do

@@ -177,7 +177,7 @@ Hint MapInitialiser::start(const Pyramid& pyramid, const GreyView& small, int64_
     return Hint::kHoldStill;
   corners_.resize(corners_.capacity());
   const int count = corner_detector_.detect(pyramid, CornerParams(), corners_);
-  meter_.charge(Work::kCornerPixel, static_cast<int64_t>(pyramid.level[2].width) * pyramid.level[2].height);
+  meter_.charge(Work::kCornerPixel, corner_detector_.scored_pixels());
   meter_.charge(Work::kCornerAscent, corner_detector_.ascent_steps());
   if (count < kMinCorners) return Hint::kTooLittleTexture;
   reset();

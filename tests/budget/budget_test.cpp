@@ -17,12 +17,11 @@
 #include "image/corners.h"
 #include "image/grey.h"
 #include "map/patch_search.h"
-#include "mapping/mapper.h"
 #include "tests/budget/count_table.h"
 #include "tests/budget/instruction_counter.h"
+#include "tests/budget/parts.h"
 #include "tests/kernels/test_images.h"
 #include "tests/support/recording.h"
-#include "tracking/tracker.h"
 
 namespace pptam {
 namespace {
@@ -30,6 +29,7 @@ namespace {
 using test::count;
 using test::Counts;
 using test::median;
+using test::Parts;
 using test::Recording;
 using test::Region;
 using test::Table;
@@ -52,31 +52,6 @@ class CountedClock final : public Clock {
 
  private:
   Region region_;
-};
-
-// What System is made of, so that the map can be seen.
-struct Parts {
-  explicit Parts(const Config& configuration)
-      : config(configuration), meter(config.profile), memory(System::required_bytes(config)) {
-    config.camera.prepare();
-    Arena arena(std::as_writable_bytes(std::span(memory)));
-    map = Map(arena, config);
-    tracker = std::make_unique<Tracker>(arena, config, map, meter);
-    mapper = std::make_unique<Mapper>(arena, config, map, meter);
-    EXPECT_FALSE(arena.overflowed());
-    tracker->tap();
-  }
-  // As much idle time as the phone has between two frames, in slices.
-  void map_a_while() {
-    constexpr int kSlices = 60;  // of 0.25 million instructions: 15 of the 18 million between frames
-    for (int i = 0; i < kSlices && mapper->has_work(); ++i) mapper->work_slice();
-  }
-  Config config;
-  WorkMeter meter;
-  std::vector<std::max_align_t> memory;
-  Map map;
-  std::unique_ptr<Tracker> tracker;
-  std::unique_ptr<Mapper> mapper;
 };
 
 // ---------------------------------------------------------------------------------------------------------------- bits
