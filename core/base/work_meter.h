@@ -38,8 +38,7 @@ constexpr int kWorkKinds = static_cast<int>(Work::kCount);
 struct PhoneProfile {
   float clock_mhz = 412.0f;             // ARM1176 of the 2009 phone
   float cycles_per_instruction = 1.5f;  // until measured
-  // ARMv6 instructions per unit, as counted in emulation (tests/budget); the copy of keyframes and the pose's two
-  // are still estimates.
+  // ARMv6 instructions per unit, as counted in emulation (tests/budget); the copy of keyframes is still an estimate.
   std::array<float, kWorkKinds> instructions = {
       9.0f,  // kGreyPixel, of BGRA; YUYV takes 5, RGB 14
       7.0f,  // kPyramidPixel

@@ -10,8 +10,8 @@
 // under kMostVotesToErase. Beyond the paper, whose version can split the map: never one that holds the keyframe graph
 // together. Never the datum, and not the two newest, whose corners have not been found a second time yet.
 //
-// The mapper calls. A decision is a coroutine: 0.6 million ARMv6 instructions for the paper's map (35 keyframes, 300
-// points, 8 measurements each), about 2 million for the largest that Config::phone allows; memory from the arena.
+// The mapper calls. A decision is a coroutine: 1.0 million ARMv6 instructions for the paper's map (35 keyframes, 300
+// points, 8 measurements each), about 3 million for the largest that Config::phone allows; memory from the arena.
 #pragma once
 
 #include "map/map.h"

@@ -286,7 +286,7 @@ Task Mapper::align_to_dominant_plane(bool* good) {
     if (solver.info() != Eigen::Success) co_return;
     normal = solver.eigenvectors().col(0);
     offset = normal.dot(mean);
-    meter_.charge(Work::kOther, 150LL * count);
+    meter_.charge(Work::kOther, 250LL * count);
     co_await slice();
   }
   if (offset < 0) {
