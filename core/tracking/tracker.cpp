@@ -545,9 +545,10 @@ void Tracker::track_with_map(float dt_s, TrackResult* result) {
 // are averaged; noise averages out, a movement adds up. Below the noise of such a mean (chi-squared over six degrees of
 // freedom of one) the shown pose follows slowly, at a few times it at once.
 SE3 Tracker::shown_pose(const PoseUpdate& pose) {
-  const bool still =
-      config_.steady_damping && good_frames_ > 2 && rotation_ok_ && so3_log(R_cp_).norm() < kStillTurn_rad;
-  if (!still) {
+  // One frame that seems to turn is noise, unless the pose says so too.
+  const bool turning = !rotation_ok_ || so3_log(R_cp_).norm() > kStillTurn_rad;
+  turning_frames_ = turning ? std::min(turning_frames_ + 1, 2) : 0;
+  if (!config_.steady_damping || good_frames_ <= 2 || turning_frames_ == 2) {
     T_shown_ = pose.T_cw;
     difference_.setZero();
     return T_shown_;

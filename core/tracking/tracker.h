@@ -87,6 +87,7 @@ class Tracker {
   SE3 T_cw_;                                  // last believed or predicted pose
   Vector6f velocity_ = Vector6f::Zero();      // motion model: world units/s and radians/s, camera frame
   SE3 T_shown_;                               // the last one in a TrackResult
+  int turning_frames_ = 2;                    // successive ones that seem to turn; 2 or more are 2
   Vector6f difference_ = Vector6f::Zero();    // mean of the measured poses' differences to it, while still
   Vector6f velocity_now_ = Vector6f::Zero();  // of the last pose update, at its frame's timestamp
   Vector6f last_motion_ = Vector6f::Zero();   // between the last two believed poses, per second
