@@ -56,7 +56,7 @@ class Mapper : public Background {
   int newest_ = -1;
   int velocity_rounds_ = 0;
   int tidy_next_ = 0, tidy_left_ = 0;  // tidy_points(): slot of Map::points, and how many more
-  uint32_t epoch_ = UINT32_MAX;  // of the map that the job works on; none yet
+  uint32_t epoch_ = UINT32_MAX;        // of the map that the job works on; none yet
 };
 
 }  // namespace pptam

@@ -13,7 +13,7 @@
 
 namespace pptam {
 
-// On the emulated phone, seven scenes, sixteen and more seeds, 7, 12 and 16 neighbours are equally good.
+// On the emulated phone, seven scenes with six seeds each, 7, 12 and 16 neighbours are equally good.
 constexpr int kNeighbours = 12;
 
 // Indices into Map::points of the nearest to a point, itself first, by ascending distance; of equally distant ones the

@@ -10,7 +10,7 @@
 #include <memory>
 #include <vector>
 
-#include "geometry/pose_update.h"
+#include "mapping/neighbours.h"
 #include "tests/support/random.h"
 #include "tests/support/small_map.h"
 
@@ -83,20 +83,23 @@ TEST_F(MapperTest, AGoodMapKeepsItsPoints) {
 }
 
 TEST_F(MapperTest, PatchesOfAWallTurnToLieOnIt) {
-  float before = 0, after = 0;
+  int judged = 0;
   const auto worst = [&] {
     float angle_rad = 0;
-    for (const MapPoint& point : map().points) {
-      if (point.id == 0) continue;
+    for (int i = 0; i < map().points.size(); ++i) {
+      const MapPoint& point = map().points[i];
+      if (point.id == 0 || find_neighbours(map(), i).size() < 6) continue;
+      ++judged;
       const Vector3f normal = -map().keyframes[point.source.keyframe].T_kw.R.col(2);  // of the wall z = 1
-      angle_rad = std::max(angle_rad, std::atan2(point.source.normal.cross(normal).norm(),
-                                                 point.source.normal.dot(normal)));
+      angle_rad =
+          std::max(angle_rad, std::atan2(point.source.normal.cross(normal).norm(), point.source.normal.dot(normal)));
     }
     return angle_rad;
   };
-  before = worst();
+  const float before = worst();
   run();
-  after = worst();
+  const float after = worst();
+  EXPECT_GT(judged, 10);
   EXPECT_GT(before, 0.1f) << "control: at 0.25 beside the axis and a distance of 1 a patch faces 14 degrees elsewhere";
   // The images of the points are exact to float32's rounding, 1e-5 px; what is left of it is far below a degree.
   EXPECT_LT(after, 0.02f);
@@ -146,6 +149,9 @@ TEST_F(MapperTest, NeighboursStayTwoPoints) {
     ASSERT_TRUE(world_.config().camera.project(map().keyframes[m.keyframe].T_kw * other.p_w, &m.px));
     if (m.keyframe == other.source.keyframe) other.source.px = m.px;
   }
+  for (int i = 0; i < map().points.size(); ++i)  // nobody else there
+    if (i != a && i != b && map().points[i].id != 0 && (map().points[i].p_w - other.p_w).norm() < 0.07f)
+      map().remove_point(i);
   const int before = map().point_count();
   run();
   EXPECT_EQ(map().point_count(), before);
@@ -173,48 +179,60 @@ TEST_F(MapperTest, PointsThatAreNotFoundGo) {
 
 // An outlier among good measurements is sought again; where nothing is found it goes.
 TEST_F(MapperTest, OutliersHaveASecondChance) {
-  const auto after = [&](bool visible) {
-    World world(random_.seed());
+  // How far from its place the point is measured at the end in the keyframe that had it wrong, level-0 pixels; negative
+  // if it is not measured there any more.
+  const auto error_px = [&](int trial, bool visible, int keyframes) {
+    World world(random_.seed() + static_cast<uint64_t>(trial));
     Map& map = world.map();
-    // The point nearest to the middle, where a search finds room, measured in all keyframes but for one rightly.
-    int i = -1;
-    for (int j = 0; j < map.points.size(); ++j)
-      if (map.points[j].id != 0 && map.keyframes[map.points[j].source.keyframe].live() &&
-          (i < 0 || map.points[j].p_w.head<2>().norm() < map.points[i].p_w.head<2>().norm()))
-        i = j;
-    MapPoint& point = map.points[i];
-    // A fourth keyframe at the first one's place, that holds nothing else.
-    const int wrong = (point.source.keyframe + 1) % 3;
-    point.measurements.clear();
-    Vector2f right_px;
-    for (int k = 0; k < 3; ++k) {
-      Measurement m;
-      m.keyframe = static_cast<int16_t>(k);
-      m.sigma = 2;
-      EXPECT_TRUE(world.config().camera.project(map.keyframes[k].T_kw * point.p_w, &m.px));
-      if (k == wrong) {
-        right_px = m.px;
-        m.px += Vector2f(9, -9);
+    const int wrong = 4;  // erased; lives again
+    map.keyframes[wrong].erased = false;
+    map.keyframes[wrong].anchor = -1;
+    int middle = -1;  // the point with most image around it
+    for (int i = 0; i < map.points.size(); ++i) {
+      MapPoint& point = map.points[i];
+      if (point.id == 0 || point.source.keyframe == wrong) {
+        map.remove_point(i);
+        continue;
       }
-      point.measurements.push_back(m);
+      if (middle < 0 || point.p_w.head<2>().norm() < map.points[middle].p_w.head<2>().norm()) middle = i;
+      point.measurements.clear();
+      for (int k : {0, 1, 2, wrong}) {
+        Measurement m;
+        m.keyframe = static_cast<int16_t>(k);
+        m.sigma = 2;
+        EXPECT_TRUE(world.config().camera.project(map.keyframes[k].T_kw * point.p_w, &m.px));
+        point.measurements.push_back(m);
+      }
     }
+    MapPoint& point = map.points[middle];
+    const Vector2f right_px = point.measurements[3].px;
+    point.measurements[3].px += Vector2f(9, -9);
+    for (int j = 2; j >= 0 && point.measurements.size() > keyframes; --j)
+      if (point.measurements[j].keyframe != point.source.keyframe) point.measurements.erase_at(j);
     if (!visible) {
-      GreyImage& image = map.keyframes[wrong].storage.level[0];
+      const GreyImage& image = map.keyframes[wrong].storage.level[0];
       for (int y = 0; y < image.height; ++y) std::fill_n(image.row(y), image.width, uint8_t{100});
       map.keyframes[wrong].pyramid = build_pyramid(image, map.keyframes[wrong].storage);
     }
     const uint32_t id = point.id;
     world.run();
     EXPECT_EQ(point.id, id);
-    float error_px = -1;
     for (const Measurement& m : point.measurements)
-      if (m.keyframe == wrong) error_px = (m.px - right_px).norm();
-    return error_px;
+      if (m.keyframe == wrong) return (m.px - right_px).norm();
+    return -1.0f;
   };
-  const float found = after(true), not_found = after(false);
-  EXPECT_EQ(not_found, -1);
-  EXPECT_EQ(found, found);
-  printf("SECOND %g\n", static_cast<double>(found));
+  constexpr int kTrials = 20;
+  int found = 0;
+  for (int trial = 0; trial < kTrials; ++trial) {
+    const float found_px = error_px(trial, true, 4);
+    found += found_px >= 0;
+    // The wall is sampled without smoothing, up to half a pixel beside in either image, along both axes: 1 px at most.
+    EXPECT_LT(found_px, 1.0f);
+    EXPECT_EQ(error_px(trial, false, 4), -1) << "control: nothing to be seen there";
+    EXPECT_EQ(error_px(trial, true, 3), -1) << "two good measurements do not say enough";
+  }
+  // One wall in twenty is too plain at the point: seven of twenty that are happen in one run of 30000.
+  EXPECT_GE(found, 14);
 }
 
 }  // namespace

@@ -64,13 +64,13 @@ TEST(Neighbours, AreTheNearestByDistance) {
   }
 }
 
-// Points on a plane through (0, 0, 1), each off it by `noise` at most.
+// Points on a plane through (0, 0, 1), all within reach of each other, each off it by `noise` at most.
 std::vector<Vector3f> on_plane(test::Random& random, const Vector3f& normal, int count, double noise) {
   const Vector3f u = normal.cross(Vector3f(0.36f, 0.48f, 0.8f)).normalized(), v = normal.cross(u);
   std::vector<Vector3f> points;
   for (int i = 0; i < count; ++i)
-    points.emplace_back(Vector3f(0, 0, 1) + static_cast<float>(random.uniform(-0.1, 0.1)) * u +
-                        static_cast<float>(random.uniform(-0.1, 0.1)) * v +
+    points.emplace_back(Vector3f(0, 0, 1) + static_cast<float>(random.uniform(-0.08, 0.08)) * u +
+                        static_cast<float>(random.uniform(-0.08, 0.08)) * v +
                         static_cast<float>(random.uniform(-noise, noise)) * normal);
   return points;
 }
@@ -116,10 +116,11 @@ TEST(PatchNormal, BearsTheNoiseOfDepths) {
     sum_sq += static_cast<double>(error * error);
   }
   ASSERT_GT(fitted, test::trials(300) * 3 / 4);
-  // Noise 0.004 / sqrt(3) = 0.0023 rms over a spread of 0.1 / sqrt(3) = 0.058 rms in each direction, 12 points: slopes
-  // good to 0.0023 / 0.058 / sqrt(12 - 3) = 0.0133 each, both together 0.019 radians, more where the twelve spread less.
+  // Noise 0.004 / sqrt(3) = 0.0023 rms over a spread of 0.08 / sqrt(3) = 0.046 rms in each direction, 12 points:
+  // slopes good to 0.0023 / 0.046 / sqrt(12 - 3) = 0.017 each, both together 0.024 radians, more where they spread
+  // less.
   const double rms = std::sqrt(sum_sq / fitted);
-  EXPECT_LT(rms, 0.03);
+  EXPECT_LT(rms, 0.04);
   EXPECT_GT(rms, 0.01) << "control: noise shows";
 }
 
