@@ -39,8 +39,16 @@ struct MapPoint {
   Vector3f p_w = Vector3f::Zero();
   PatchSource source;
   InlineVector<Measurement, kMaxMeasurements + 1> measurements;
-  uint16_t attempts = 0;  // searches by the tracker, halved together with `found` when large
-  uint16_t found = 0;     // of these, inliers of the pose
+  uint16_t attempts = 0;  // searches by the tracker and in new keyframes, halved together with `found` when large
+  uint16_t found = 0;     // of these, inliers of the pose, or found in a new keyframe
+
+  void count_search(bool was_found) {
+    ++attempts;
+    found = static_cast<uint16_t>(found + was_found);
+    if (attempts < 64) return;
+    attempts /= 2;
+    found /= 2;
+  }
 };
 
 // A corner of one keyframe whose depth is not known yet [phone 5.2]: p_k = (x, y, 1) / q.

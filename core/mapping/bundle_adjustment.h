@@ -31,9 +31,9 @@ class BundleAdjuster {
   BundleAdjuster(Arena& arena, const Config& config, Map& map, WorkMeter& meter, Background& background);
 
   // Adjusts all live keyframes but the first's pose (newest = -1), or the newest and its four nearest with the others
-  // fixed [ptam 6.3]; their velocities too if asked for. Afterwards removes measurements of zero weight and points left
-  // with fewer than two. Erased keyframes follow every step. A coroutine of `background`. result may be read when it
-  // has ended.
+  // fixed [ptam 6.3]; their velocities too if asked for. Afterwards measurements of zero weight are searched again, and
+  // those not found removed, with points left with fewer than two. Erased keyframes follow every step. A coroutine of
+  // `background`. result may be read when it has ended.
   Task run(int newest, bool velocities, int max_iterations);
   const BundleResult& result() const { return result_; }
 
@@ -50,6 +50,7 @@ class BundleAdjuster {
   Task gather(int newest, bool velocities);
   Task free_cameras(int newest, bool velocities);
   Task discard_outliers();
+  bool measure_again(const MapPoint& point, Measurement* measurement);
   void commit();
   void hold_scale(const SE3& T_last);
 

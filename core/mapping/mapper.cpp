@@ -7,6 +7,7 @@
 #include "geometry/robust.h"
 #include "geometry/two_view.h"
 #include "map/patch_search.h"
+#include "mapping/neighbours.h"
 
 namespace pptam {
 
@@ -29,6 +30,9 @@ constexpr float kMeasurementNoise_px = 0.8f;  // sub-pixel noise and what the ro
 constexpr float kImageBorder_px = 12.0f;
 constexpr float kMinReliability = 0.3f;
 constexpr int kMinAttempts = 20;
+// Of a point with two measurements. On the emulated phone (seven scenes, 47 runs) 2.9 % of the points have a depth wrong
+// by more than 5 % without this rule, 1.9 % with 6. With 4 1.7 %, at no smaller errors of position.
+constexpr int kMinAttemptsOfTwo = 6;
 constexpr int kPlaneTrials = 100;
 // Instructions, as counted for the ARM1176.
 constexpr int64_t kPredictionInstructions = 700;      // of a point in a keyframe
@@ -63,6 +67,7 @@ void Mapper::work_slice() {
     full_pending_ = map_.ready;
     newest_ = -1;
     velocity_rounds_ = 0;
+    tidy_next_ = tidy_left_ = 0;
     task_ = run();
     resting_ = false;
     task_.start();
@@ -92,12 +97,15 @@ Task Mapper::run() {
       if (!bundle_.result().converged) full_pending_ = true;
       if (bundle_.result().converged) {
         co_await discard_unreliable_points();
+        tidy_left_ = map_.points.size();
         if (map_.live_count() > kMaxVelocityCameras && velocity_rounds_ < kVelocityRounds) {
           ++velocity_rounds_;
           co_await update_velocities();
           full_pending_ = true;
         }
       }
+    } else if (tidy_left_ > 0) {
+      co_await tidy_points();
     } else {
       resting_ = true;
       co_await rest();
@@ -406,8 +414,10 @@ Task Mapper::measure_remaining_points(int keyframe) {
     meter_.charge(Work::kOther, kPredictionInstructions);
     if (!predict_in_keyframe(keyframe, point.p_w, &px, &T_line)) continue;
     FoundPatch found;
-    if (find_point(map_, config_.camera, point.source, point.p_w, T_line, map_.keyframes[keyframe].pyramid, px, options,
-                   meter_, &found) == SearchOutcome::kFound) {
+    const SearchOutcome outcome = find_point(map_, config_.camera, point.source, point.p_w, T_line,
+                                             map_.keyframes[keyframe].pyramid, px, options, meter_, &found);
+    if (outcome != SearchOutcome::kNotVisible) point.count_search(outcome == SearchOutcome::kFound);
+    if (outcome == SearchOutcome::kFound) {
       point.measurements.push_back({found.px, found.sigma, static_cast<int16_t>(keyframe)});
       cull_measurements(map_, config_.camera, point, meter_);
     }
@@ -567,16 +577,50 @@ Task Mapper::update_velocities() {
   }
 }
 
-// Points that the tracker expects to see and does not find.
+// Points that are expected to be seen and are not found. One that only two keyframes have measured is on trial: a wrong
+// match that happened to lie on the epipolar line is found nowhere else.
 Task Mapper::discard_unreliable_points() {
   for (int i = 0; i < map_.points.size(); ++i) {
     const MapPoint& point = map_.points[i];
-    if (point.id != 0 && point.attempts >= kMinAttempts &&
+    const int enough = point.measurements.size() > 2 ? kMinAttempts : kMinAttemptsOfTwo;
+    if (point.id != 0 && point.attempts >= enough &&
         static_cast<float>(point.found) < kMinReliability * static_cast<float>(point.attempts))
       map_.remove_point(i);
   }
   meter_.charge(Work::kOther, 10LL * map_.points.size());
   co_await slice();
+}
+
+// Every point and its neighbours, in turn: what is one point becomes one, and the patch lies as they do.
+Task Mapper::tidy_points() {
+  for (; tidy_left_ > 0 && map_.queued == 0; --tidy_left_) {
+    const int i = tidy_next_;
+    tidy_next_ = (tidy_next_ + 1) % map_.points.size();
+    MapPoint& point = map_.points[i];
+    if (point.id == 0) continue;
+    const Neighbours neighbours = find_neighbours(map_, i);
+    meter_.charge(Work::kOther, 12LL * map_.points.size() + 5000);
+    fit_patch_normal(map_, neighbours, &point.source.normal);
+    for (int n = 1; n < neighbours.size() && point.id != 0; ++n) merge_if_same(i, neighbours[n]);
+    meter_.charge(Work::kOther, 400LL * neighbours.size());
+    co_await slice();
+  }
+}
+
+// If they are the same physical point the one measured more often takes over the other's measurements.
+void Mapper::merge_if_same(int a, int b) {
+  const bool a_stays = map_.points[a].measurements.size() >= map_.points[b].measurements.size();
+  MapPoint& stays = map_.points[a_stays ? a : b];
+  MapPoint& goes = map_.points[a_stays ? b : a];
+  if (!explains(map_, config_, stays, goes)) return;
+  for (const Measurement& m : goes.measurements) {
+    bool measured = false;
+    for (const Measurement& other : stays.measurements) measured |= other.keyframe == m.keyframe;
+    if (measured) continue;
+    stays.measurements.push_back(m);
+    cull_measurements(map_, config_.camera, stays, meter_);
+  }
+  goes = MapPoint();
 }
 
 }  // namespace pptam

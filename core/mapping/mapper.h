@@ -3,6 +3,7 @@
 //   a new map is bundle adjusted and laid on its dominant plane;
 //   a new keyframe is inserted: measurements taken over, remaining visible points searched, partial points promoted,
 //   new corners become partial points; then bundle adjustment, local and full; then bad points go;
+//   when nothing else is to do, the points that are one become one, and patches turn as they lie;
 //   where there are too many keyframes one goes, or the newcomer if none can.
 #pragma once
 
@@ -35,6 +36,8 @@ class Mapper : public Background {
   Task add_partial_points(int keyframe);
   Task update_velocities();
   Task discard_unreliable_points();
+  Task tidy_points();
+  void merge_if_same(int a, int b);
   Task gather_pose_points(int keyframe, int most);
   Task align_to_dominant_plane(bool* good);
   // Where the point appears in the keyframe, rolling shutter included.
@@ -53,7 +56,8 @@ class Mapper : public Background {
   bool local_pending_ = false, full_pending_ = false;
   int newest_ = -1;
   int velocity_rounds_ = 0;
-  uint32_t epoch_ = UINT32_MAX;  // of the map that the job works on; none yet
+  int tidy_next_ = 0, tidy_left_ = 0;  // tidy_points(): slot of Map::points, and how many more
+  uint32_t epoch_ = UINT32_MAX;        // of the map that the job works on; none yet
 };
 
 }  // namespace pptam

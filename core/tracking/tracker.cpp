@@ -519,14 +519,8 @@ void Tracker::track_with_map(float dt_s, TrackResult* result) {
   // Search statistics, from frames that deserve it.
   if (tracking.quality == TrackingQuality::kGood && !blurred) {
     for (int i = 0; i < observed_.size(); ++i) {
-      MapPoint& point = map_.points[pose_indices_[i]];
       if (observed_[i].kind == ObservedKind::kHidden) continue;
-      ++point.attempts;
-      if (observed_[i].kind == ObservedKind::kInlier) ++point.found;
-      if (point.attempts >= 64) {
-        point.attempts /= 2;
-        point.found /= 2;
-      }
+      map_.points[pose_indices_[i]].count_search(observed_[i].kind == ObservedKind::kInlier);
     }
     mark_stage(Stage::kPose, result);
     if (map_.ready && !map_.locked) {
