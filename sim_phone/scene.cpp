@@ -395,30 +395,45 @@ Scene make_tiles(uint64_t seed) {
   return scene;
 }
 
+// A print of black and white squares with a white margin, its middle at the scene's.
+Surface checkered(int columns, int rows, double margin_m, double z, double light) {
+  Canvas canvas(columns * kCheckerSquare_m + 2 * margin_m, rows * kCheckerSquare_m + 2 * margin_m, kTableTexel_m);
+  canvas.rectangle(Place(0, 0, 0), -1, -1, 2, 2, 0.8);
+  const Place first(margin_m, margin_m, 0);
+  for (int j = 0; j < rows; ++j) {
+    for (int i = j % 2; i < columns; i += 2) {
+      canvas.rectangle(first, i * kCheckerSquare_m, j * kCheckerSquare_m, (i + 1) * kCheckerSquare_m,
+                       (j + 1) * kCheckerSquare_m, 0.05);
+    }
+  }
+  return surface_of(canvas, {-canvas.width_m() / 2, canvas.height_m() / 2, z}, Vector3d::UnitX(), -Vector3d::UnitY(),
+                    light);
+}
+
 Scene make_checkerboard(uint64_t seed) {
   Random random(seed, 3);
   Scene scene;
   scene.stage.azimuth_rad = random.uniform(0, 2 * std::numbers::pi);
   const double light = random.uniform(0.9, 1.1);
-  const double w = kCheckerColumns * kCheckerSquare_m;
-  const double h = kCheckerRows * kCheckerSquare_m;
-  Canvas canvas(w, h, kTableTexel_m);
-  canvas.rectangle(Place(0, 0, 0), -1, -1, 2, 2, 0.8);
-  for (int j = 0; j < kCheckerRows; ++j) {
-    for (int i = j % 2; i < kCheckerColumns; i += 2) {
-      canvas.rectangle(Place(0, 0, 0), i * kCheckerSquare_m, j * kCheckerSquare_m, (i + 1) * kCheckerSquare_m,
-                       (j + 1) * kCheckerSquare_m, 0.05);
-    }
-  }
-  scene.surfaces.push_back(surface_of(canvas, {-w / 2, h / 2, 0}, Vector3d::UnitX(), -Vector3d::UnitY(), light));
+  scene.surfaces.push_back(checkered(kCheckerColumns, kCheckerRows, 0, 0, light));
   scene.surfaces.push_back(make_floor(8, -0.74, 0.7 * light, random));
+  return scene;
+}
+
+// A desk with a checkerboard for calibration on it, which fills most of the first view.
+Scene make_board(uint64_t seed) {
+  constexpr int kColumns = 13, kRows = 12;
+  constexpr double kMargin_m = 0.02, kThick_m = 0.001;
+  Scene scene = make_desk(false, seed);
+  scene.surfaces.push_back(
+      checkered(kColumns, kRows, kMargin_m, kThick_m, static_cast<double>(scene.surfaces.front().light)));
   return scene;
 }
 
 }  // namespace
 
 std::vector<std::string> scene_names() {
-  return {"desk", "boxes", "walls", "checkerboard", "plane", "clutter", "sparse", "tiles"};
+  return {"desk", "boxes", "walls", "checkerboard", "plane", "clutter", "sparse", "tiles", "board"};
 }
 
 double first_hit(const Scene& scene, const Vector3d& origin, const Vector3d& direction) {
@@ -444,6 +459,7 @@ Scene make_scene(const std::string& name, uint64_t seed) {
   if (name == "clutter") return make_clutter(seed);
   if (name == "sparse") return make_sparse(seed);
   if (name == "tiles") return make_tiles(seed);
+  if (name == "board") return make_board(seed);
   return make_desk(false, seed);
 }
 

@@ -483,7 +483,8 @@ std::vector<size_t> runs_of(const Shard& shard, size_t runs) {
 }
 
 bool ground_plane_known(const std::string& scene) {
-  return scene == "desk" || scene == "boxes" || scene == "plane" || scene == "sparse" || scene == "tiles";
+  return scene == "desk" || scene == "boxes" || scene == "plane" || scene == "sparse" || scene == "tiles" ||
+         scene == "board";
 }
 
 void run_jobs(int threads, size_t count, const std::function<std::string(size_t)>& job) {

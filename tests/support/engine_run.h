@@ -13,21 +13,24 @@
 
 namespace pptam::test {
 
-// The camera of BundleProblem.
+// A camera without distortion: that of BundleProblem unless told otherwise.
 template <class Scalar>
 struct Pinhole {
+  Scalar focal_px = Scalar(BundleProblem::kFocal_px);
+  Scalar centre_x_px = Scalar(BundleProblem::kCentreX_px), centre_y_px = Scalar(BundleProblem::kCentreY_px);
+
   using Vector2 = Eigen::Matrix<Scalar, 2, 1>;
   using Vector3 = Eigen::Matrix<Scalar, 3, 1>;
   using Matrix23 = Eigen::Matrix<Scalar, 2, 3>;
   bool project(int, const Vector3& p, Vector2* px) const {
     if (!(p[2] > 0)) return false;
-    const Scalar f = Scalar(BundleProblem::kFocal_px) / p[2];
-    *px = {f * p[0] + Scalar(BundleProblem::kCentreX_px), f * p[1] + Scalar(BundleProblem::kCentreY_px)};
+    const Scalar f = focal_px / p[2];
+    *px = {f * p[0] + centre_x_px, f * p[1] + centre_y_px};
     return true;
   }
   bool project(int camera, const Vector3& p, Vector2* px, Matrix23* J) const {
     if (!project(camera, p, px)) return false;
-    const Scalar f = Scalar(BundleProblem::kFocal_px) / p[2];
+    const Scalar f = focal_px / p[2];
     *J << f, 0, -f * p[0] / p[2], 0, f, -f * p[1] / p[2];
     return true;
   }
@@ -170,8 +173,7 @@ std::unique_ptr<EngineRun<Scalar, Pinhole<Scalar>>> make_engine(const BundleProb
 
 // The objective of an engine's state at scale sigma, in double whatever the engine computes with.
 template <class Engine>
-double cost_in_double(Engine& engine, double sigma) {
-  const Pinhole<double> projection;
+double cost_in_double(Engine& engine, double sigma, const Pinhole<double>& projection = {}) {
   const double cutoff_sq = std::pow(static_cast<double>(kTukeyCutoff) * sigma, 2);
   double sum = 0;
   for (const auto& camera : engine.cameras()) {
