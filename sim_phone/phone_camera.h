@@ -30,8 +30,8 @@ struct PhoneOptions {
   double drop_probability = 0;  // of each frame
 };
 
-// "desk", "boxes", "walls", "checkerboard" (alone, all its squares alike), "plane", "clutter", "sparse", "tiles", "board"
-// (a checkerboard on the desk).
+// "desk", "boxes", "walls", "checkerboard" (alone, all its squares alike), "plane", "clutter", "sparse", "tiles",
+// "board" (a checkerboard on the desk).
 std::vector<std::string> scene_names();
 // "calm": hold still, move sideways, then explore. "shaky": the same with four times the tremor. "still": as on a
 // tripod. "pure_rotation": turns about a fixed point. "lap": as "calm", but ends as it begins, at the first view.
