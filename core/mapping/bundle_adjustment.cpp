@@ -13,8 +13,7 @@ constexpr int kLocalCameras = 5;  // the newest and its four nearest [ptam 6.3]
 constexpr int kMinPoints = 6;
 
 // An outlier's second search. Only where so many good measurements say where the point is: with two, which always
-// agree along their epipolar lines, a wrong point among repeated texture finds its confirmation: with any number, one
-// of 40 runs had five times the error; with two, two of 56 half as much again and more.
+// agree along their epipolar lines, a wrong point among repeated texture finds its confirmation.
 constexpr int kMinGoodToSearch = 3;
 constexpr float kMostSecondSearch_px = 1.5f;  // of the level searched; the tracker's radius is 4
 constexpr float kSecondSearchZmssd = 0.3f;    // SearchOptions::max_relative_zmssd

@@ -619,7 +619,7 @@ void Mapper::merge_if_same(int a, int b) {
     stays.measurements.push_back(m);
     cull_measurements(map_, config_.camera, stays, meter_);
   }
-  goes = MapPoint();
+  map_.remove_point(a_stays ? b : a);
 }
 
 }  // namespace pptam

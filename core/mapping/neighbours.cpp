@@ -1,6 +1,7 @@
 #include "mapping/neighbours.h"
 
 #include <Eigen/Eigenvalues>
+#include <algorithm>
 #include <cmath>
 
 #include "geometry/pose_update.h"

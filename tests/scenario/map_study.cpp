@@ -5,8 +5,9 @@
 //   none       no shutter: all velocities are zero
 //   moved      [phone 6]: measurements moved to the frame's time by velocities found before, central differences of
 //              the tracked poses; moved again, now with the better map, after each of three adjustments
-//   alternate  the measurements' own times; velocities re-estimated between adjustments, as the mapper does in large
-//   maps free       velocities are unknowns of the adjustment, with their prior, as the mapper does in small maps
+//   between    the measurements' own times; velocities re-estimated between adjustments, as the mapper does in
+//              large maps
+//   free       velocities are unknowns of the adjustment, with their prior, as the mapper does in small maps
 // All are adjusted to convergence. The objective is Tukey's and holds the velocities' prior where they are estimated.
 // Errors are those of the keyframes' positions after the best similarity, and of their rates of rotation.
 #include <CLI/CLI.hpp>
@@ -250,7 +251,7 @@ struct Result {
   std::string name, trouble;
   int keyframes = 0;
   double rejected = 0;  // share of the measurements that Tukey gives no weight without the correction
-  Variant none, once, moved, alternate, free;
+  Variant none, once, moved, between, free;
   Precision snapshot, uncorrected;
 };
 
@@ -349,13 +350,13 @@ Result study(const sim::PhoneOptions& phone, float shutter_told) {
   }
   result.moved = judge.judge(state, cost);
 
-  Problem alternate = start;
-  adjust<double>(&alternate, false, sigma);
+  Problem between = start;
+  adjust<double>(&between, false, sigma);
   for (int round = 0; round < kRounds; ++round) {
-    estimate_velocities(&alternate);
-    adjust<double>(&alternate, false, sigma);
+    estimate_velocities(&between);
+    adjust<double>(&between, false, sigma);
   }
-  result.alternate = judge.judge(alternate, objective(alternate, true, sigma));
+  result.between = judge.judge(between, objective(between, true, sigma));
 
   Problem free = start;
   adjust<double>(&free, true, sigma);
@@ -419,9 +420,9 @@ std::vector<std::string> cells(const std::string& name, const Results& results) 
     row.push_back(app::format(form, median(results, value)) + " (" + app::format(form, worst(results, value)) + ")");
   };
   using Of = Variant Result::*;
-  for (const Of of : {&Result::once, &Result::moved, &Result::alternate, &Result::free}) add("%.2f", gain(of));
-  for (const Of of : {&Result::none, &Result::moved, &Result::alternate, &Result::free}) add("%.3f", error(of));
-  for (const Of of : {&Result::moved, &Result::alternate, &Result::free})
+  for (const Of of : {&Result::once, &Result::moved, &Result::between, &Result::free}) add("%.2f", gain(of));
+  for (const Of of : {&Result::none, &Result::moved, &Result::between, &Result::free}) add("%.3f", error(of));
+  for (const Of of : {&Result::moved, &Result::between, &Result::free})
     row.push_back(app::format("%.4f", median(results, turn(of))));
   return row;
 }
@@ -498,7 +499,7 @@ bool judge_goals(const std::vector<std::string>& names, const std::map<std::stri
         median(general, [of](const Result& r) { return r.free.turn_error / (r.*of).turn_error; }));
   };
   rival(&Result::moved, "moved");
-  rival(&Result::alternate, "alternate");
+  rival(&Result::between, "between");
   return met;
 }
 
@@ -558,8 +559,8 @@ int main(int argc, char** argv) {
       }
       if (!group.empty()) rows.push_back(cells(names[n], group));
     }
-    app::print_table({"story", "maps", "keyfr.", "out %", "| once", "moved", "alternate", "free", "| none %", "moved",
-                      "alternate", "free", "| moved", "alternate", "free"},
+    app::print_table({"story", "maps", "keyfr.", "out %", "| once", "moved", "between", "free", "| none %", "moved",
+                      "between", "free", "| moved", "between", "free"},
                      rows);
     std::printf(
         "\nMedian (worst). First: objective, of that without the correction; out: share of the measurements that are "
