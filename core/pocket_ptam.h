@@ -215,8 +215,9 @@ class System {
   void reset();  // forgets everything, waits for a tap or for Config::auto_start
 
   // Scales the world so that two map points (ids as in map_points() or TrackResult::points) are `length` world units
-  // apart; poses follow from the next frame on. Refused when there is no finished map, a point does not exist, or the
-  // length is not within a millionth to a million times what it was; nothing changes then.
+  // apart; poses follow from the next frame on. Refused when there is no finished map, a point does not exist, the
+  // length is not within a millionth to a million times what it was, or the map would reach over 1e8 units or under
+  // 1e-8; nothing changes then.
   Status set_length(uint32_t point_a, uint32_t point_b, float length);
 
   // A finished map as bytes, between two slices: a versioned, checksummed format, the same on every target

@@ -162,6 +162,9 @@ Status System::set_length(uint32_t point_a, uint32_t point_b, float length) {
   S.scale = length / (a->p_w - b->p_w).norm();
   if (!(S.scale > 1e-6f && S.scale < 1e6f))  // also NaN, and the same point twice
     return {StatusCode::kInvalidArgument, "set_length: the length must be within 1e-6 to 1e6 times the present one"};
+  if (!map.can_scale(S.scale))
+    return {StatusCode::kInvalidArgument,
+            "set_length: the whole map would become too large or too small to be usable: choose another unit"};
   map.apply(S);
   ++map.epoch;  // what the mapper is computing has the old scale
   impl_->tracker.follow_map();

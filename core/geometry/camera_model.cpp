@@ -11,6 +11,7 @@ constexpr float kMaxSize = 8192.0f;         // pixels
 constexpr float kMaxFovW = 3.1f;            // radians; at pi the FOV model's tan(w/2) is infinite
 constexpr float kMaxCornerRadius = 11.43f;  // tan(85 degrees): the image spans less than 170
 constexpr float kRadiusMargin = 1.5f;       // of project() beyond the farthest corner
+constexpr float kMinRadius_px = 1.0f;       // for an image of one pixel, whose corner is its centre
 constexpr float kMaxRadius = kMaxCornerRadius * kRadiusMargin;
 // A corner found this near to the fold was stopped by it. Below 1 by more than the scan step of fold_radius().
 constexpr float kFoldFraction = 0.98f;
@@ -223,7 +224,9 @@ Status CameraModel::validate() const {
 void CameraModel::prepare() {
   fov_gain = fov_gain_of(*this);
   const float fold = fold_radius(*this);
-  const float radius = kRadiusMargin * corner_radius(*this, fold);
+  const float one_pixel = kMinRadius_px / (fx < fy ? fx : fy);
+  const float corner = corner_radius(*this, fold);
+  const float radius = kRadiusMargin * (corner > one_pixel ? corner : one_pixel);
   max_radius_sq = radius < fold ? radius * radius : fold * fold;
 }
 

@@ -219,6 +219,7 @@ void Map::clear() {
   neighbour_count = 0;
   ready = false;
   limits_hit = 0;
+  moved = false;
   ++epoch;
 }
 
@@ -246,8 +247,36 @@ void Map::apply(const Similarity& S) {
     point.inverse_depth /= S.scale;
     point.information *= S.scale * S.scale;
   }
-  transform = S;
-  ++transform_count;
+  transform = moved ? S * transform : S;
+  moved = true;
+}
+
+bool Map::can_scale(float scale) const {
+  const auto small = [scale](const auto& v) { return v.cwiseAbs().maxCoeff() * scale <= kLargestInMap; };  // not NaN
+  const auto fits = [&](const Keyframe& k) {
+    return small(k.T_kw.t) && small(k.T_anchor.t) && small(k.velocity) && small(k.velocity_prior) &&
+           k.mean_depth * scale >= kLeastDepthInMap && k.mean_depth * scale <= kLargestInMap;
+  };
+  for (const Keyframe& keyframe : keyframes)
+    if (keyframe.id != 0 && !fits(keyframe)) return false;
+  for (int i = 0; i < queued + held; ++i)
+    if (!fits(queue[i].frame)) return false;
+  for (const MapPoint& point : points)
+    if (point.id != 0 && !small(point.p_w)) return false;
+  for (const PartialPoint& point : partial_points) {
+    if (point.id == 0) continue;
+    const float q = point.inverse_depth / scale;
+    if (!(q >= kLeastDepthInMap && q <= kLargestInMap) || !(point.information * scale * scale <= kMostInformationInMap))
+      return false;
+  }
+  return true;
+}
+
+bool Map::take_transform(Similarity* S) {
+  if (!moved) return false;
+  *S = transform;
+  moved = false;
+  return true;
 }
 
 uint64_t Map::hash() const {

@@ -109,7 +109,16 @@ struct Similarity {
   SE3 T;
   float scale = 1;
   Vector3f operator*(const Vector3f& p) const { return scale * (T * p); }
+  // First the other, then this one: s2 (R2 s1 (R1 p + t1) + t2).
+  Similarity operator*(const Similarity& first) const {
+    return {SE3(T.R * first.T.R, T.R * first.T.t + T.t / first.scale), scale * first.scale};
+  }
 };
+
+// What a map may hold, for all of its numbers to be usable: a length or speed to the fourth power is still a float.
+constexpr float kLargestInMap = 1e8f;
+constexpr float kLeastDepthInMap = 1e-8f;
+constexpr float kMostInformationInMap = 1e30f;  // of an inverse depth
 
 // Slots of Map::keyframes: live ones, the newcomer that culling judges, erased ones.
 constexpr int keyframe_slots(int max_keyframes, int max_erased_keyframes) {
@@ -140,9 +149,9 @@ struct Map {
   uint32_t limits_hit = 0;  // LimitBits since the last reset; kLimitKeyframes while the map is full
   // Counts clear() and changes of scale: tells the mapper that what it was doing has no object any more.
   uint32_t epoch = 0;
-  // The world's coordinates change once after initialisation (mapper), and when the user sets a length. The tracker
-  // applies `transform` to its own state when it sees a new `transform_count`: before the next change.
-  uint32_t transform_count = 0;
+  // The world's coordinates change once after initialisation (mapper), and when the user sets a length. All changes
+  // that the tracker has not applied to its own state yet, as one.
+  bool moved = false;
   Similarity transform;
 
   bool exists() const { return keyframes.size() > 0; }
@@ -175,6 +184,10 @@ struct Map {
   void clear();  // keeps storage; ids go on
   // Applies S to all positions and poses; velocities' translation and depths scale along.
   void apply(const Similarity& S);
+  // Would all of the map's numbers be usable after a change of scale?
+  bool can_scale(float scale) const;
+  // The change of coordinates since the last call; false when there was none.
+  bool take_transform(Similarity* S);
   uint64_t hash() const;  // FNV-1a over poses, erased ones' too, positions and measurements in index order
 };
 

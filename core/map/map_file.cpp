@@ -19,9 +19,6 @@ constexpr size_t kPartialBytes = 44;
 constexpr size_t kCrcBytes = 4;
 
 constexpr uint32_t kErasedFlag = 1;
-constexpr float kLargest = 1e8f;  // of any length or speed in the map: its fourth power is still a float
-constexpr float kLeastDepth = 1e-8f;
-constexpr float kMostInformation = 1e30f;
 // Of a rotation's rows and of a normal: a thousand times float32's rounding, a hundred times what a map ever shows.
 constexpr float kUnitTolerance = 1e-4f;
 constexpr float kLargestSigma_px = 1 << (kPyramidLevels - 1);
@@ -114,7 +111,7 @@ bool within(float value, float least, float most) {  // false for NaN
 template <class Vector>
 bool small_enough(const Vector& values) {
   for (int i = 0; i < values.size(); ++i)
-    if (!within(values[i], -kLargest, kLargest)) return false;
+    if (!within(values[i], -kLargestInMap, kLargestInMap)) return false;
   return true;
 }
 
@@ -442,7 +439,7 @@ class Body {
     if (!rotations) return refused("a keyframe of the map has a rotation that is none");
     if (!small_enough(T_kw.t) || !small_enough(T_anchor.t) || !small_enough(velocity) || !small_enough(velocity_prior))
       return refused("a keyframe of the map has a position or velocity that is not a usable number");
-    if (!within(mean_depth, kLeastDepth, kLargest))
+    if (!within(mean_depth, kLeastDepthInMap, kLargestInMap))
       return refused("a keyframe of the map has a mean depth that is not a usable number");
     slots_[static_cast<size_t>(slot)] = erased ? Slot::kErased : Slot::kLive;
     anchors_[static_cast<size_t>(slot)] = anchor;
@@ -507,7 +504,7 @@ class Body {
     partial.information = in_.f32();
     partial.attempts = in_.u16();
     partial.found = in_.u16();
-    if (!within(partial.inverse_depth, kLeastDepth, kLargest) || !within(partial.information, 0, kMostInformation))
+    if (!within(partial.inverse_depth, kLeastDepthInMap, kLargestInMap) || !within(partial.information, 0, kMostInformationInMap))
       return refused("a partial point's depth is not a usable number");
     if (partial.found > partial.attempts) return refused("a partial point was found more often than searched");
     const Vector2f ray = config_.camera.unproject(partial.source.px);

@@ -125,7 +125,6 @@ void Tracker::begin_lost() {
   hint_ = Hint::kReturnToKnownView;
   relocalise_attempt_ = 0;
   next_partial_ = 0;
-  transform_count_ = map_.transform_count;
   last_keyframe_ns_ = INT64_MIN;  // the map's timestamps are another recording's
 }
 
@@ -191,15 +190,15 @@ TrackResult Tracker::track(const Frame& frame, const Clock* clock) {
 }
 
 void Tracker::follow_map() {
-  if (transform_count_ == map_.transform_count) return;
-  transform_count_ = map_.transform_count;
-  T_cw_ = T_cw_ * map_.transform.T.inverse();
-  T_cw_.t *= map_.transform.scale;
+  Similarity S;
+  if (!map_.take_transform(&S)) return;
+  T_cw_ = T_cw_ * S.T.inverse();
+  T_cw_.t *= S.scale;
   T_shown_ = T_cw_;
-  velocity_.head<3>() *= map_.transform.scale;
-  last_motion_.head<3>() *= map_.transform.scale;
-  velocity_now_.head<3>() *= map_.transform.scale;
-  mean_depth_ *= map_.transform.scale;
+  velocity_.head<3>() *= S.scale;
+  last_motion_.head<3>() *= S.scale;
+  velocity_now_.head<3>() *= S.scale;
+  mean_depth_ *= S.scale;
 }
 
 // Full-frame rotation, and from it and the motion model the pose, the velocity and the blur of this frame.

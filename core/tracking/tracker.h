@@ -93,7 +93,6 @@ class Tracker {
   Vector6f last_motion_ = Vector6f::Zero();   // between the last two believed poses, per second
   float last_interval_s_ = 0;                 // between these two
   float mean_depth_ = 1;
-  uint32_t transform_count_ = 0;
   int bad_frames_ = 0;
   int good_frames_ = 0;  // in a row
   int confirm_ = 0;      // frames of a relocalisation that have held
@@ -114,7 +113,7 @@ class Tracker {
   FixedVector<Candidate> candidates_;
   FixedVector<int> selected_;
   FixedVector<PosePoint> pose_points_;
-  FixedVector<int> pose_indices_;  // map point of each pose point
+  FixedVector<int> pose_indices_;  // map point of each of observed_, until partial points join these
   FixedVector<ObservedPoint> observed_;
   int next_partial_ = 0;
 };

@@ -4,7 +4,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <set>
+#include <string>
 #include <vector>
 
 #include "platform/app/study.h"
@@ -275,6 +277,65 @@ TEST(Start, KnownLengthBetweenTwoPointsRescalesTheWorld) {
   // One frame's movement is at most 0.2 m/s / 15 = 13 mm of the half metre to the desk.
   EXPECT_LT((T_after.centre() / 5 - T_before.centre()).norm(), 0.05f * T_before.centre().norm());
   EXPECT_GT((T_after.centre() - T_before.centre()).norm(), 1.0f * T_before.centre().norm());
+}
+
+// The slice that finishes the map changes its coordinates, and the length does so again before the next frame.
+TEST(Start, LengthSetDirectlyAfterTheMapIsFinishedKeepsTheView) {
+  Phone phone(test::config_for(desk()));
+  phone->tap();
+  bool set = false;
+  int after = 0, tracked = 0;
+  for (int i = 0; i < desk().size(); ++i) {
+    const TrackResult result = phone->track(desk().frame(i));
+    after += set;
+    tracked += set && result.pose_valid;
+    while (phone->has_work()) {
+      phone->work_slice();
+      if (set || phone->map_bytes() == 0) continue;
+      std::vector<MapPointInfo> points(static_cast<size_t>(phone->map_points({})));
+      phone->map_points(points);
+      const float present = (points.front().p_w - points.back().p_w).norm();
+      set = phone->set_length(points.front().id, points.back().id, 7 * present).ok();
+      ASSERT_TRUE(set);
+    }
+  }
+  EXPECT_GT(after, 30);
+  EXPECT_EQ(tracked, after);
+}
+
+// A millionth and a million times are accepted once; what would leave the usable numbers is refused, and what is
+// accepted can be tracked and saved.
+TEST(Start, LengthsThatLeaveTheUsableNumbersAreRefused) {
+  for (const float factor : {1e-5f, 1e5f}) {
+    Phone phone(test::config_for(desk()));
+    phone->tap();
+    const int middle = 75;
+    for (int i = 0; i < middle; ++i) {
+      phone->track(desk().frame(i));
+      phone.drain();
+    }
+    std::vector<MapPointInfo> points(static_cast<size_t>(phone->map_points({})));
+    ASSERT_GE(phone->map_points(points), 20);
+    float length = (points.front().p_w - points.back().p_w).norm();
+    Status status;
+    int accepted = 0;
+    for (; accepted < 10; ++accepted) {
+      status = phone->set_length(points.front().id, points.back().id, length * factor);
+      if (!status.ok()) break;
+      length *= factor;
+    }
+    EXPECT_EQ(accepted, 1) << "1e-10 and 1e10 are beyond the limits of 1e-8 and 1e8";
+    EXPECT_NE(std::string(status.message()).find("another unit"), std::string::npos) << status.message();
+    int tracked = 0;
+    for (int i = middle; i < desk().size(); ++i) {
+      tracked += phone->track(desk().frame(i)).pose_valid;
+      phone.drain();
+    }
+    EXPECT_EQ(tracked, desk().size() - middle) << factor;
+    std::vector<std::byte> file(phone->map_bytes());
+    size_t bytes = 0;
+    EXPECT_TRUE(phone->save_map(file, &bytes).ok()) << factor;
+  }
 }
 
 }  // namespace

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <limits>
 #include <string>
+#include <utility>
 
 #include "tests/support/random.h"
 
@@ -289,6 +290,20 @@ TEST(CameraModelValidate, RefusesNonsense) {
       c.distortion = Distortion::kRadTan;
       c.coeffs[i] = infinity;
     }));
+  }
+}
+
+TEST(CameraModelValidate, AnImageOfOnePixelIsACamera) {
+  for (const auto& [distortion, coefficient] :
+       {std::pair(Distortion::kNone, 0.0f), std::pair(Distortion::kFov, 0.5f), std::pair(Distortion::kRadTan, -0.1f),
+        std::pair(Distortion::kEquidistant, 0.1f)}) {
+    CameraModel camera = make_camera(1, 1, 50, 50, 0, 0, distortion, {coefficient});
+    ASSERT_TRUE(camera.validate().ok()) << static_cast<int>(distortion);
+    camera.prepare();
+    EXPECT_GT(camera.max_radius_sq, 0.0f);
+    Vector2f px;
+    EXPECT_TRUE(camera.project(Vector3f(0.01f, 0, 1), &px));
+    EXPECT_FALSE(camera.project(Vector3f(1, 0, 1), &px)) << "fifty pixels beside the image";
   }
 }
 

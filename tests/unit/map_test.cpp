@@ -130,9 +130,7 @@ TEST_F(MapTest, ChangeOfCoordinatesKeepsTheImages) {
   Similarity S;
   S.T = SE3::exp(random_twist(0.5, 0.8));
   S.scale = 3.7f;
-  const uint32_t count = map_.transform_count;
   map_.apply(S);
-  EXPECT_EQ(map_.transform_count, count + 1);
 
   // Three products of rotations and two sums of coordinates of up to 8 units, seen from 3: some 20 roundings of 6e-8,
   // times 8 / 3, times f.
@@ -149,6 +147,54 @@ TEST_F(MapTest, ChangeOfCoordinatesKeepsTheImages) {
   double worst = 0;
   for (size_t i = 0; i < before.size(); ++i) worst = std::max<double>(worst, (wrong[i] - before[i]).norm());
   EXPECT_GT(worst, tolerance_px);
+}
+
+TEST_F(MapTest, ChangesOfCoordinatesAddUpUntilTheyAreTaken) {
+  fill(2, 10);
+  std::vector<Vector3f> before;
+  for (const MapPoint& point : map_.points)
+    if (point.id != 0) before.push_back(point.p_w);
+  Similarity S, first, second;
+  EXPECT_FALSE(map_.take_transform(&S));
+  first.T = SE3::exp(random_twist(0.5, 0.8));
+  first.scale = 3.7f;
+  second.T = SE3::exp(random_twist(0.5, 0.8));
+  second.scale = 0.2f;
+  map_.apply(first);
+  map_.apply(second);
+  ASSERT_TRUE(map_.take_transform(&S));
+  EXPECT_FALSE(map_.take_transform(&S)) << "taken once";
+  // A dozen roundings of coordinates up to 4 units.
+  const float tolerance = 12 * 4 * 6e-8f;
+  float worst_last = 0;
+  for (size_t i = 0; i < before.size(); ++i) {
+    const Vector3f& after = map_.points[static_cast<int>(i)].p_w;
+    EXPECT_LT((S * before[i] - after).norm(), tolerance);
+    worst_last = std::max(worst_last, (second * before[i] - after).norm());
+  }
+  EXPECT_GT(worst_last, tolerance) << "the last change alone is not enough";
+  map_.apply(first);
+  map_.clear();
+  EXPECT_FALSE(map_.take_transform(&S)) << "of a map that is gone";
+}
+
+TEST_F(MapTest, ScalesThatLeaveTheUsableNumbersAreKnown) {
+  fill(2, 10);
+  EXPECT_TRUE(map_.can_scale(1));
+  EXPECT_TRUE(map_.can_scale(1e7f));
+  EXPECT_TRUE(map_.can_scale(1e-7f));
+  // Points at a distance of about 1, a mean depth of 1.
+  EXPECT_FALSE(map_.can_scale(2e8f));
+  EXPECT_FALSE(map_.can_scale(0.5e-8f));
+  map_.keyframes[1].velocity[2] = 1000;
+  EXPECT_FALSE(map_.can_scale(1e7f)) << "a speed of 1e10";
+  map_.keyframes[1].velocity[2] = 0;
+  PartialPoint& partial = map_.partial_points[map_.add_partial_point()];
+  partial.inverse_depth = 100;
+  EXPECT_FALSE(map_.can_scale(1e-7f)) << "an inverse depth of 1e9";
+  partial.inverse_depth = 1;
+  partial.information = 1e20f;
+  EXPECT_FALSE(map_.can_scale(1e7f)) << "an information of 1e34";
 }
 
 TEST_F(MapTest, HashSeesEveryBit) {
