@@ -23,7 +23,7 @@
 
 #include "base/status.h"
 #include "base/work_meter.h"
-#include "geometry/camera_model.h"
+#include "camera/camera.h"
 #include "geometry/se3.h"
 #include "image/image.h"
 #include "scheduler/clock.h"
@@ -33,8 +33,7 @@ namespace pptam {
 // Everything that can be set, passed once. Capacities bound memory and time; a full one shows in
 // TrackResult::limits_hit.
 struct Config {
-  CameraModel camera;       // prepare() is called by System::create
-  RollingShutter shutter;   // line_time_s = 0: global shutter
+  Camera camera;            // lens and shutter; camera.model.prepare() is called by System::create
   float exposure_s = 0.0f;  // 0: unknown; used to predict motion blur
 
   // Live keyframes: bundle adjusted, measured by the map's points. Beyond, the least useful one is erased for each new
@@ -43,12 +42,19 @@ struct Config {
   // Erased keyframes that keep their images, for patches and to find the way back; the least useful is forgotten then.
   // Each takes 4/3 bytes a pixel.
   int max_erased_keyframes = 35;
-  int max_map_points = 1000;  // 35 keyframes with 25 new points each, and the first view's
+  int max_map_points = 1000;    // 35 keyframes with 25 new points each, and the first view's
+  int max_measurements = 8000;  // of all map points together; 24 bytes each
+  // Beyond, the least useful one of a point goes [phone 3.2]. 2 to 32.
+  int max_measurements_per_point = 8;
   int max_partial_points = 100;
   int max_measured_points = 50;     // per frame [phone 4]
   int max_partial_searches = 12;    // per frame [phone 7]
   int max_new_partial_points = 25;  // per keyframe [phone 5.2]
   int max_initial_points = 100;     // tracked by the homography
+  // Measured points are spread over so many cells of the image, across and down. 1 to 16 each.
+  int cells_x = 6, cells_y = 8;
+  // Pyramid levels searched: of a sharp frame [phone 4], and of a blurred one or in a wide search. 0 to 4.
+  int search_level = 1, coarse_search_level = 2;
 
   float initial_baseline = 0.1f;  // length of the sideways start in world units [ptam 6.1]
   // Distance of the first view's camera centre from the dominant plane, world units, when the user knows it: sets the
@@ -64,8 +70,9 @@ struct Config {
 
   PhoneProfile profile;  // turns charged work into time (the work clock)
 
-  // The 2009 phone's capacities for a camera of any size from 64x64 to 4096x4096.
-  static Config phone(const CameraModel& camera);
+  // The 2009 phone's capacities for a camera of any size from 64x64 to 4096x4096. Its shutter is global until
+  // camera.shutter is set.
+  static Config phone(const CameraModel& model);
   Status validate() const;
 };
 
@@ -92,10 +99,11 @@ enum class Hint : uint8_t {
 
 // Bits of TrackResult::limits_hit; each names the Config field to raise.
 enum LimitBits : uint32_t {
-  kLimitKeyframes = 1u << 0,      // max_keyframes: the map is full, none can be spared for a new one
-  kLimitMapPoints = 1u << 1,      // max_map_points
-  kLimitPartialPoints = 1u << 2,  // max_partial_points
-  kLimitMeasuredPoints = 1u << 3  // max_measured_points: more points were visible than measured (usual)
+  kLimitKeyframes = 1u << 0,       // max_keyframes: the map is full, none can be spared for a new one
+  kLimitMapPoints = 1u << 1,       // max_map_points
+  kLimitPartialPoints = 1u << 2,   // max_partial_points
+  kLimitMeasuredPoints = 1u << 3,  // max_measured_points: more points were visible than measured (usual)
+  kLimitMeasurements = 1u << 4     // max_measurements: what keyframes measured of old points is lost
 };
 
 enum class Stage : uint8_t {  // parts of a tracked frame, for TrackResult::stage_ns
@@ -185,11 +193,11 @@ struct MeasurementInfo {
 // What a saved map says of itself.
 struct MapInfo {
   int version = 0;
-  CameraModel camera;  // with which it was made, not prepared; Config's must be the same to load it
-  RollingShutter shutter;
+  Camera camera;  // with which it was made, not prepared; Config's must be the same to load it
   int keyframes = 0, erased_keyframes = 0, map_points = 0, partial_points = 0;
   // Capacities of a Config that can load it.
   int min_keyframes = 0, min_erased_keyframes = 0, min_map_points = 0, min_partial_points = 0;
+  int min_measurements = 0, min_measurements_per_point = 0;
 };
 
 class System {

@@ -1,7 +1,7 @@
 // Wires tracking, mapping and the map together inside the caller's block of memory.
 #include <new>
 
-#include "geometry/pose_update.h"
+#include "camera/pose_update.h"
 #include "geometry/robust.h"
 #include "image/grey.h"
 #include "map/map_file.h"
@@ -37,22 +37,21 @@ struct System::Impl {
   int64_t last_timestamp_ns = INT64_MIN;
 };
 
-Config Config::phone(const CameraModel& camera) {
+Config Config::phone(const CameraModel& model) {
   Config config;
-  config.camera = camera;
+  config.camera.model = model;
   return config;
 }
 
 Status Config::validate() const {
-  const Status status = camera.validate();
+  const CameraModel& model = camera.model;
+  const Status status = model.validate();
   if (!status.ok()) return status;
-  if (camera.width < 64 || camera.height < 64 || camera.width > 4096 || camera.height > 4096)
+  if (model.width < 64 || model.height < 64 || model.width > 4096 || model.height > 4096)
     return {StatusCode::kInvalidArgument, "Config::camera: width and height must be within 64 to 4096 pixels"};
-  const float readout_s =
-      shutter.line_time_s *
-      static_cast<float>(shutter.axis == RollingShutter::Axis::kRows ? camera.height : camera.width);
-  if (!(readout_s >= -1.0f && readout_s <= 1.0f))
-    return {StatusCode::kInvalidArgument, "Config::shutter: the readout must be under 1 s; line_time_s is per line"};
+  if (!(camera.readout_s() <= 1.0f))
+    return {StatusCode::kInvalidArgument,
+            "Config::camera.shutter: the readout must be under 1 s; line_time_s is per line"};
   if (!(exposure_s >= 0 && exposure_s <= 1.0f))
     return {StatusCode::kInvalidArgument, "Config::exposure_s must be within 0 to 1 s"};
   if (max_keyframes < 3 || max_keyframes > kMostKeyframes)
@@ -63,6 +62,16 @@ Status Config::validate() const {
     return {StatusCode::kInvalidArgument, "Config::max_map_points must be within 100 to 30000"};
   if (max_partial_points < 1 || max_partial_points > 30000)
     return {StatusCode::kInvalidArgument, "Config::max_partial_points must be within 1 to 30000"};
+  if (max_measurements_per_point < 2 || max_measurements_per_point > kMostMeasurements)
+    return {StatusCode::kInvalidArgument, "Config::max_measurements_per_point must be within 2 to 32"};
+  if (max_measurements < 2 * max_map_points || max_measurements > 1000000)
+    return {StatusCode::kInvalidArgument, "Config::max_measurements must be within twice max_map_points and a million"};
+  if (cells_x < 1 || cells_y < 1 || cells_x > 16 || cells_y > 16)
+    return {StatusCode::kInvalidArgument, "Config::cells_x and cells_y must be within 1 to 16"};
+  if (search_level < 0 || search_level >= kPyramidLevels || coarse_search_level < search_level ||
+      coarse_search_level >= kPyramidLevels)
+    return {StatusCode::kInvalidArgument,
+            "Config::search_level and coarse_search_level must be within 0 to 4, the latter not the finer one"};
   if (max_measured_points < 16 || max_measured_points > 250)
     return {StatusCode::kInvalidArgument, "Config::max_measured_points must be within 16 to 250"};
   if (max_partial_searches < 0 || max_partial_searches > 1000 || max_new_partial_points < 0 ||
@@ -76,8 +85,7 @@ Status Config::validate() const {
     return {StatusCode::kInvalidArgument, "Config::initial_plane_distance must be 0 or within 0.001 to 1000"};
   if (!(min_keyframe_interval_s >= 0 && min_keyframe_interval_s < 3600))
     return {StatusCode::kInvalidArgument, "Config::min_keyframe_interval_s must be within 0 to 3600 s"};
-  if (static_cast<int64_t>(camera.width) * camera.height * (max_keyframes + max_erased_keyframes + 16) >
-      kMostImageBytes)
+  if (static_cast<int64_t>(model.width) * model.height * (max_keyframes + max_erased_keyframes + 16) > kMostImageBytes)
     return {StatusCode::kInvalidArgument,
             "Config: max_keyframes and max_erased_keyframes of this size need over 1 GB: lower one of them"};
   if (!(profile.clock_mhz >= 1 && profile.clock_mhz <= 1e5f) ||
@@ -107,7 +115,7 @@ Status System::create(const Config& config, std::span<std::byte> memory, System*
   if (memory.size() < required_bytes(config))
     return {StatusCode::kOutOfMemory, "System::create: memory is smaller than System::required_bytes(config)"};
   Config prepared = config;
-  prepared.camera.prepare();
+  prepared.camera.model.prepare();
   Arena arena(memory);
   void* place = arena.allocate(sizeof(System));
   void* impl_place = arena.allocate(sizeof(Impl));
@@ -124,8 +132,8 @@ TrackResult System::track(const Frame& frame) {
   TrackResult refused;
   refused.timestamp_ns = frame.timestamp_ns;
   refused.status = validate_frame(frame);
-  const CameraModel& camera = impl_->config.camera;
-  if (refused.status.ok() && (frame.width != camera.width || frame.height != camera.height))
+  const CameraModel& model = impl_->config.camera.model;
+  if (refused.status.ok() && (frame.width != model.width || frame.height != model.height))
     refused.status = {StatusCode::kInvalidArgument, "track: the frame's size differs from Config::camera's"};
   if (refused.status.ok() && frame.timestamp_ns <= impl_->last_timestamp_ns)
     refused.status = {StatusCode::kTimeWentBackwards, "track: the timestamp is not later than the last frame's"};
@@ -149,30 +157,28 @@ void System::reset() {
 
 Status System::set_length(uint32_t point_a, uint32_t point_b, float length) {
   Map& map = impl_->map;
-  if (!map.ready) return {StatusCode::kInvalidArgument, "set_length: there is no map yet"};
+  if (!map.ready()) return {StatusCode::kInvalidArgument, "set_length: there is no map yet"};
   const MapPoint* a = nullptr;
   const MapPoint* b = nullptr;
-  for (const MapPoint& point : map.points) {
+  for (const MapPoint& point : map.points()) {
     if (point.id == 0) continue;
     if (point.id == point_a) a = &point;
     if (point.id == point_b) b = &point;
   }
   if (!a || !b) return {StatusCode::kInvalidArgument, "set_length: a map point with this id does not exist"};
-  Similarity S;
-  S.scale = length / (a->p_w - b->p_w).norm();
-  if (!(S.scale > 1e-6f && S.scale < 1e6f))  // also NaN, and the same point twice
+  const float scale = length / (a->p_w - b->p_w).norm();
+  if (!(scale > 1e-6f && scale < 1e6f))  // also NaN, and the same point twice
     return {StatusCode::kInvalidArgument, "set_length: the length must be within 1e-6 to 1e6 times the present one"};
-  if (!map.can_scale(S.scale))
+  if (!map.can_change_scale(scale))
     return {StatusCode::kInvalidArgument,
             "set_length: the whole map would become too large or too small to be usable: choose another unit"};
-  map.apply(S);
-  ++map.epoch;  // what the mapper is computing has the old scale
+  map.change_scale(scale);
   impl_->tracker.follow_map();
   return {};
 }
 
 size_t System::map_bytes() const {
-  return impl_->map.ready ? map_file_bytes(impl_->map, impl_->config) : 0;
+  return impl_->map.ready() ? map_file_bytes(impl_->map, impl_->config) : 0;
 }
 
 Status System::save_map(std::span<std::byte> out, size_t* bytes) const {
@@ -198,24 +204,24 @@ Status System::load_map(std::span<const std::byte> file) {
   impl_->tracker.reset();
   read_map_file(file, impl_->config, impl_->map);
   impl_->tracker.begin_lost();
-  const CameraModel& camera = impl_->config.camera;
+  const CameraModel& model = impl_->config.camera.model;
   impl_->meter.charge(Work::kPyramidPixel,
-                      static_cast<int64_t>(camera.width) * camera.height / 3 * impl_->map.keyframes.size());
+                      static_cast<int64_t>(model.width) * model.height / 3 * impl_->map.keyframes().size());
   return {};
 }
 
 void System::set_locked(bool locked) {
-  impl_->map.locked = locked;
+  impl_->map.set_locked(locked);
 }
 bool System::locked() const {
-  return impl_->map.locked;
+  return impl_->map.locked();
 }
 
 int System::keyframes(std::span<KeyframeInfo> out) const {
   int count = 0;
   for (uint32_t last_id = 0;; ++count) {
     const Keyframe* next = nullptr;  // slots are used again, so that ids are not in their order
-    for (const Keyframe& keyframe : impl_->map.keyframes)
+    for (const Keyframe& keyframe : impl_->map.keyframes())
       if (keyframe.live() && keyframe.id > last_id && (!next || keyframe.id < next->id)) next = &keyframe;
     if (!next) return count;
     if (count < static_cast<int>(out.size())) out[count] = {next->id, next->timestamp_ns, next->T_kw};
@@ -225,10 +231,10 @@ int System::keyframes(std::span<KeyframeInfo> out) const {
 
 int System::map_points(std::span<MapPointInfo> out) const {
   int count = 0;
-  for (const MapPoint& point : impl_->map.points) {
+  for (const MapPoint& point : impl_->map.points()) {
     if (point.id == 0) continue;
     if (count < static_cast<int>(out.size())) {
-      const Keyframe& source = impl_->map.keyframes[point.source.keyframe];
+      const Keyframe& source = impl_->map.keyframes()[point.source.keyframe];
       MapPointInfo& info = out[count];
       info.id = point.id;
       info.p_w = point.p_w;
@@ -243,16 +249,15 @@ int System::map_points(std::span<MapPointInfo> out) const {
 }
 
 int System::measurements(std::span<MeasurementInfo> out) const {
-  const Config& config = impl_->config;
+  const Camera& camera = impl_->config.camera;
   int count = 0;
-  for (const MapPoint& point : impl_->map.points) {
+  for (const MapPoint& point : impl_->map.points()) {
     if (point.id == 0) continue;
-    for (const Measurement& m : point.measurements) {
+    for (const Measurement& m : impl_->map.measurements(point)) {
       if (count < static_cast<int>(out.size())) {
-        const Keyframe& keyframe = impl_->map.keyframes[m.keyframe];
-        const Vector2f global_px =
-            global_shutter_px(config.camera, config.shutter, keyframe.velocity, keyframe.T_kw * point.p_w, m.px);
-        out[count] = {point.id, keyframe.id, m.px, global_px, m.sigma};
+        const Keyframe& keyframe = impl_->map.keyframes()[m.keyframe];
+        const Vector2f global_px = camera.global_shutter_px(keyframe.velocity, keyframe.T_kw * point.p_w, m.at.px);
+        out[count] = {point.id, keyframe.id, m.at.px, global_px, m.at.sigma()};
       }
       ++count;
     }
@@ -261,7 +266,7 @@ int System::measurements(std::span<MeasurementInfo> out) const {
 }
 
 GreyView System::keyframe_image(uint32_t id) const {
-  for (const Keyframe& keyframe : impl_->map.keyframes)
+  for (const Keyframe& keyframe : impl_->map.keyframes())
     if (id != 0 && keyframe.id == id) return keyframe.pyramid.level[0];
   return {};
 }
@@ -269,26 +274,25 @@ GreyView System::keyframe_image(uint32_t id) const {
 MapFit System::map_fit() const {
   constexpr float kScale = 0.25f;
   const Map& map = impl_->map;
-  const CameraModel& camera = impl_->config.camera;
-  const RollingShutter& shutter = impl_->config.shutter;
+  const Camera& camera = impl_->config.camera;
   MapFit fit;
   double sum = 0;
-  for (const MapPoint& point : map.points) {
+  for (const MapPoint& point : map.points()) {
     if (point.id == 0) continue;
-    for (const Measurement& m : point.measurements) {
-      const Keyframe& keyframe = map.keyframes[m.keyframe];
-      const float dt_s = shutter.dt_s(m.px, camera.width, camera.height);
+    for (const Measurement& m : map.measurements(point)) {
+      const Keyframe& keyframe = map.keyframes()[m.keyframe];
+      const float dt_s = camera.dt_s(m.at.px);
       Vector2f px;
       float error_sq = 1e12f;
       if (camera.project(moved_point(keyframe.T_kw * point.p_w, keyframe.velocity, dt_s), &px))
-        error_sq = (m.px - px).squaredNorm() / (m.sigma * m.sigma);
+        error_sq = (m.at.px - px).squaredNorm() / (m.at.sigma() * m.at.sigma());
       sum += static_cast<double>(tukey_cost(error_sq, kScale));
       ++fit.measurements;
     }
   }
   if (fit.measurements == 0) return fit;
-  if (shutter.line_time_s != 0) {
-    for (const Keyframe& keyframe : map.keyframes) {
+  if (camera.shutter.line_time_s != 0) {
+    for (const Keyframe& keyframe : map.keyframes()) {
       if (!keyframe.live()) continue;
       const Vector6f difference = keyframe.velocity - keyframe.velocity_prior;
       const float translation =
@@ -306,9 +310,9 @@ int System::map_parts(int common_points) const {
   const Map& map = impl_->map;
   const auto common = [&map](int a, int b) {
     int count = 0;
-    for (const MapPoint& point : map.points) {
+    for (const MapPoint& point : map.points()) {
       int seen = 0;
-      for (const Measurement& m : point.measurements) seen += m.keyframe == a || m.keyframe == b;
+      for (const Measurement& m : map.measurements(point)) seen += m.keyframe == a || m.keyframe == b;
       count += seen == 2;
     }
     return count;
@@ -316,15 +320,15 @@ int System::map_parts(int common_points) const {
   int16_t reached[kMostKeyframeSlots];  // in the order in which they were
   bool done[kMostKeyframeSlots] = {};
   int parts = 0;
-  for (int start = 0; start < map.keyframes.size(); ++start) {
-    if (!map.keyframes[start].live() || done[start]) continue;
+  for (int start = 0; start < map.keyframes().size(); ++start) {
+    if (!map.keyframes()[start].live() || done[start]) continue;
     ++parts;
     int count = 0;
     reached[count++] = static_cast<int16_t>(start);
     done[start] = true;
     for (int next = 0; next < count; ++next) {
-      for (int k = 0; k < map.keyframes.size(); ++k) {
-        if (!map.keyframes[k].live() || done[k] || common(reached[next], k) < common_points) continue;
+      for (int k = 0; k < map.keyframes().size(); ++k) {
+        if (!map.keyframes()[k].live() || done[k] || common(reached[next], k) < common_points) continue;
         done[k] = true;
         reached[count++] = static_cast<int16_t>(k);
       }

@@ -42,6 +42,23 @@ struct SE3 {
   Vector6f log() const;
 };
 
+// x -> scale * (R x + t): a change of world coordinates.
+struct Similarity {
+  SE3 T;
+  float scale = 1;
+  Vector3f operator*(const Vector3f& p) const { return scale * (T * p); }
+  // First the other, then this one: s2 (R2 s1 (R1 p + t1) + t2).
+  Similarity operator*(const Similarity& first) const {
+    return {SE3(T.R * first.T.R, T.R * first.T.t + T.t / first.scale), scale * first.scale};
+  }
+  // T' = [R_cw R^T, s (t_cw - R_cw R^T t)]
+  SE3 moved(const SE3& T_cw) const {
+    SE3 moved = T_cw * T.inverse();
+    moved.t *= scale;
+    return moved;
+  }
+};
+
 // exp: sl(3) -> SL(3), eight generators in this order: translation x, y; rotation; scale; the two aspect/shear; the two
 // projective. Determinant 1 by construction (normalised). Used as H <- sl3_exp(x) H.
 //   G1 e13  G2 e23  G3 e12 - e21  G4 e11 + e22 - 2 e33  G5 e11 - e22  G6 e12 + e21  G7 e31  G8 e32

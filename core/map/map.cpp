@@ -6,17 +6,8 @@ namespace pptam {
 
 namespace {
 
-constexpr int kQueueLength = 2;             // the tracker makes at most one keyframe per min_keyframe_interval_s
 constexpr float kMinSourceCosSlant = 0.5f;  // between viewing ray and a patch's normal in its new source: 60 degrees
-
-Keyframe make_keyframe(Arena& arena, const Config& config) {
-  Keyframe keyframe;
-  keyframe.storage = PyramidStorage(arena, config.camera.width, config.camera.height, 0);
-  const int width = config.camera.width >> (kPyramidLevels - 1);
-  const int height = config.camera.height >> (kPyramidLevels - 1);
-  keyframe.small = {arena.allocate_array<uint8_t>(static_cast<size_t>(width) * height), width, height, width};
-  return keyframe;
-}
+constexpr uint16_t kMostSearches = 64;      // counted of a point, before older ones count half
 
 class Hash {
  public:
@@ -40,85 +31,142 @@ class Hash {
 }  // namespace
 
 Map::Map(Arena& arena, const Config& config)
-    : keyframes(arena, keyframe_slots(config.max_keyframes, config.max_erased_keyframes)),
-      points(arena, config.max_map_points),
-      partial_points(arena, config.max_partial_points),
-      queue(arena, kQueueLength),
-      neighbours(arena, 2 * kMaxInitialKeyframes) {
+    : keyframes_(arena, keyframe_slots(config.max_keyframes, config.max_erased_keyframes)),
+      points_(arena, config.max_map_points),
+      measurements_(arena, config.max_measurements),
+      partial_points_(arena, config.max_partial_points),
+      queue_(arena, config.camera.model, std::max(config.max_measured_points, config.max_initial_points)),
+      neighbours_(arena, 2 * kMaxInitialKeyframes),
+      max_measurements_per_point_(config.max_measurements_per_point) {
   for (int i = 0; i < keyframe_slots(config.max_keyframes, config.max_erased_keyframes); ++i) {
-    const Keyframe keyframe = make_keyframe(arena, config);
-    if (i < keyframes.capacity()) keyframes.push_back(keyframe);
-  }
-  for (int i = 0; i < kQueueLength; ++i) {
-    KeyframeCandidate candidate;
-    candidate.frame = make_keyframe(arena, config);
-    candidate.measurements =
-        FixedVector<KeyframeMeasurement>(arena, std::max(config.max_measured_points, config.max_initial_points));
-    if (i < queue.capacity()) queue.push_back(candidate);
+    const Keyframe keyframe(arena, config.camera.model);
+    if (i < keyframes_.capacity()) keyframes_.push_back(keyframe);
   }
   for (int i = 0; i < 2 * kMaxInitialKeyframes; ++i) {
     NeighbourFrame neighbour;
     neighbour.measurements = FixedVector<KeyframeMeasurement>(arena, config.max_initial_points);
-    if (i < neighbours.capacity()) neighbours.push_back(neighbour);
+    if (i < neighbours_.capacity()) neighbours_.push_back(neighbour);
   }
-  keyframes.resize(0);
-  points.resize(points.capacity());
-  partial_points.resize(partial_points.capacity());
+  keyframes_.resize(0);
+  points_.resize(points_.capacity());
+  partial_points_.resize(partial_points_.capacity());
+}
+
+bool Map::measured_in(const MapPoint& point, int keyframe) const {
+  for (const Measurement& m : measurements(point))
+    if (m.keyframe == keyframe) return true;
+  return false;
 }
 
 int Map::point_count() const {
   int count = 0;
-  for (const MapPoint& point : points) count += point.id != 0;
+  for (const MapPoint& point : points_) count += point.id != 0;
   return count;
-}
-
-int Map::add_point() {
-  for (int i = 0; i < points.size(); ++i) {
-    if (points[i].id != 0) continue;
-    points[i] = MapPoint();
-    points[i].id = next_id++;
-    return i;
-  }
-  limits_hit |= kLimitMapPoints;
-  return -1;
-}
-
-int Map::add_partial_point() {
-  for (int i = 0; i < partial_points.size(); ++i) {
-    if (partial_points[i].id != 0) continue;
-    partial_points[i] = PartialPoint();
-    partial_points[i].id = next_id++;
-    return i;
-  }
-  limits_hit |= kLimitPartialPoints;
-  return -1;
 }
 
 int Map::live_count() const {
   int count = 0;
-  for (const Keyframe& keyframe : keyframes) count += keyframe.live();
+  for (const Keyframe& keyframe : keyframes_) count += keyframe.live();
   return count;
 }
 
 int Map::erased_count() const {
   int count = 0;
-  for (const Keyframe& keyframe : keyframes) count += keyframe.id != 0 && keyframe.erased;
+  for (const Keyframe& keyframe : keyframes_) count += keyframe.id != 0 && keyframe.erased;
   return count;
 }
 
-int Map::add_keyframe(KeyframeCandidate& candidate) {
+int Map::add_point(const Vector3f& p_w, const PatchSource& source) {
+  for (int i = 0; i < points_.size(); ++i) {
+    if (points_[i].id != 0) continue;
+    points_[i] = MapPoint();
+    points_[i].id = next_id_++;
+    points_[i].p_w = p_w;
+    points_[i].source = source;
+    return i;
+  }
+  limits_hit_ |= kLimitMapPoints;
+  return -1;
+}
+
+void Map::remove_point(int index) {
+  measurements_.erase_all(&points_[index].measurements);
+  points_[index] = MapPoint();
+}
+
+void Map::count_search(int index, bool was_found) {
+  MapPoint& point = points_[index];
+  ++point.attempts;
+  point.found = static_cast<uint16_t>(point.found + was_found);
+  if (point.attempts < kMostSearches) return;
+  point.attempts /= 2;
+  point.found /= 2;
+}
+
+void Map::add_measurement(int point, const Measurement& measurement) {
+  MeasurementPool::List& list = points_[point].measurements;
+  if (list.size() > max_measurements_per_point_) return;
+  if (!measurements_.push_back(&list, measurement)) limits_hit_ |= kLimitMeasurements;
+}
+
+void Map::set_measurement(int point, int i, const Measurement& measurement) {
+  measurements_.at(&points_[point].measurements, i) = measurement;
+}
+
+void Map::set_weight(int point, int i, float weight) {
+  measurements_.at(&points_[point].measurements, i).weight = weight;
+}
+
+void Map::remove_measurement(int point, int i) {
+  measurements_.erase(&points_[point].measurements, i);
+}
+
+int Map::add_partial_point(const PatchSource& source, const Vector3f& ray, float inverse_depth) {
+  for (int i = 0; i < partial_points_.size(); ++i) {
+    if (partial_points_[i].id != 0) continue;
+    partial_points_[i] = PartialPoint();
+    partial_points_[i].id = next_id_++;
+    partial_points_[i].source = source;
+    partial_points_[i].ray = ray;
+    partial_points_[i].inverse_depth = inverse_depth;
+    return i;
+  }
+  limits_hit_ |= kLimitPartialPoints;
+  return -1;
+}
+
+void Map::count_partial_search(int index, bool was_found) {
+  PartialPoint& partial = partial_points_[index];
+  ++partial.attempts;
+  partial.found = static_cast<uint16_t>(partial.found + was_found);
+}
+
+void Map::set_depth(int index, float inverse_depth, float information) {
+  partial_points_[index].inverse_depth = inverse_depth;
+  partial_points_[index].information = information;
+}
+
+int Map::add_keyframe(Keyframe& frame) {
   int index = 0;
-  while (index < keyframes.size() && keyframes[index].id != 0) ++index;
-  if (index == keyframes.capacity()) {
-    limits_hit |= kLimitKeyframes;
+  while (index < keyframes_.size() && keyframes_[index].id != 0) ++index;
+  if (index == keyframes_.capacity()) {
+    full_ = true;
     return -1;
   }
-  if (index == keyframes.size()) keyframes.resize(index + 1);
-  std::swap(keyframes[index], candidate.frame);
-  keyframes[index].id = next_id++;
-  keyframes[index].erased = false;
-  keyframes[index].anchor = -1;
+  if (index == keyframes_.size()) keyframes_.resize(index + 1);
+  std::swap(keyframes_[index], frame);
+  keyframes_[index].id = next_id_++;
+  keyframes_[index].erased = false;
+  keyframes_[index].anchor = -1;
   return index;
+}
+
+int Map::add_neighbour(int keyframe, int64_t timestamp_ns) {
+  NeighbourFrame& frame = neighbours_[neighbour_count_];
+  frame.keyframe = static_cast<int16_t>(keyframe);
+  frame.timestamp_ns = timestamp_ns;
+  frame.measurements.clear();
+  return neighbour_count_++;
 }
 
 float Map::view_distance(const Keyframe& a, const Keyframe& b) {
@@ -130,9 +178,9 @@ float Map::view_distance(const Keyframe& a, const Keyframe& b) {
 int Map::nearest_live(int index, int except) const {
   int nearest = -1;
   float least = 0;
-  for (int k = 0; k < keyframes.size(); ++k) {
-    if (!keyframes[k].live() || k == index || k == except) continue;
-    const float distance = view_distance(keyframes[index], keyframes[k]);
+  for (int k = 0; k < keyframes_.size(); ++k) {
+    if (!keyframes_[k].live() || k == index || k == except) continue;
+    const float distance = view_distance(keyframes_[index], keyframes_[k]);
     if (nearest >= 0 && !(distance < least)) continue;
     nearest = k;
     least = distance;
@@ -141,40 +189,42 @@ int Map::nearest_live(int index, int except) const {
 }
 
 void Map::erase_keyframe(int index) {
-  PPTAM_ASSERT(index > 0 && keyframes[index].live());
-  for (int i = 0; i < points.size(); ++i) {
-    MapPoint& point = points[i];
-    for (int j = 0; j < point.measurements.size(); ++j) {
-      if (point.measurements[j].keyframe != index) continue;
-      point.measurements.erase_at(j);
-      if (point.measurements.size() < 2) remove_point(i);
-      break;
+  PPTAM_ASSERT(index > 0 && keyframes_[index].live());
+  for (int i = 0; i < points_.size(); ++i) {
+    int j = 0;
+    for (const Measurement& m : measurements(points_[i])) {
+      if (m.keyframe == index) {
+        remove_measurement(i, j);
+        if (points_[i].measurements.size() < 2) remove_point(i);
+        break;
+      }
+      ++j;
     }
   }
-  keyframes[index].erased = true;
-  for (int k = 0; k < keyframes.size(); ++k) {
-    const Keyframe& keyframe = keyframes[k];
+  keyframes_[index].erased = true;
+  for (int k = 0; k < keyframes_.size(); ++k) {
+    const Keyframe& keyframe = keyframes_[k];
     if (keyframe.id != 0 && keyframe.erased && (k == index || keyframe.anchor == index)) anchor_keyframe(k);
   }
 }
 
 void Map::anchor_keyframe(int index, int except) {
-  Keyframe& keyframe = keyframes[index];
+  Keyframe& keyframe = keyframes_[index];
   keyframe.anchor = static_cast<int16_t>(nearest_live(index, except));
-  keyframe.T_anchor = keyframe.T_kw * keyframes[keyframe.anchor].T_kw.inverse();
+  keyframe.T_anchor = keyframe.T_kw * keyframes_[keyframe.anchor].T_kw.inverse();
   keyframe.T_anchor.R = orthonormalised(keyframe.T_anchor.R);
 }
 
 void Map::forget_keyframe(int index) {
-  Keyframe& gone = keyframes[index];
+  Keyframe& gone = keyframes_[index];
   PPTAM_ASSERT(gone.id != 0 && gone.erased);
-  for (int i = 0; i < points.size(); ++i) {
-    MapPoint& point = points[i];
+  for (int i = 0; i < points_.size(); ++i) {
+    MapPoint& point = points_[i];
     if (point.id == 0 || point.source.keyframe != index) continue;
     const Measurement* best = nullptr;
     float least = 0;
-    for (const Measurement& m : point.measurements) {
-      const float distance = view_distance(gone, keyframes[m.keyframe]);
+    for (const Measurement& m : measurements(point)) {
+      const float distance = view_distance(gone, keyframes_[m.keyframe]);
       if (best && !(distance < least)) continue;
       best = &m;
       least = distance;
@@ -183,15 +233,15 @@ void Map::forget_keyframe(int index) {
       remove_point(i);
       continue;
     }
-    const SE3& T_kw = keyframes[best->keyframe].T_kw;
+    const SE3& T_kw = keyframes_[best->keyframe].T_kw;
     const Vector3f p_k = T_kw * point.p_w;
     point.source.normal = T_kw.R * (gone.T_kw.R.transpose() * point.source.normal);
     // Seen too much from the side the old plane explains nothing: it faces the new camera then.
     if (-point.source.normal.dot(p_k) < kMinSourceCosSlant * p_k.norm()) point.source.normal = -p_k.normalized();
     point.source.keyframe = best->keyframe;
-    point.source.px = best->px;
+    point.source.px = best->at.px;
   }
-  for (PartialPoint& partial : partial_points)
+  for (PartialPoint& partial : partial_points_)
     if (partial.id != 0 && partial.source.keyframe == index) partial = PartialPoint();
   gone.id = 0;
   gone.erased = false;
@@ -199,71 +249,61 @@ void Map::forget_keyframe(int index) {
 }
 
 void Map::follow_anchors() {
-  for (Keyframe& keyframe : keyframes)
-    if (keyframe.id != 0 && keyframe.erased) keyframe.T_kw = keyframe.T_anchor * keyframes[keyframe.anchor].T_kw;
-}
-
-void Map::pop_queue() {
-  PPTAM_ASSERT(queued > 0);
-  for (int i = 0; i + 1 < queue.size(); ++i) std::swap(queue[i], queue[i + 1]);
-  --queued;
+  for (Keyframe& keyframe : keyframes_)
+    if (keyframe.id != 0 && keyframe.erased) keyframe.T_kw = keyframe.T_anchor * keyframes_[keyframe.anchor].T_kw;
 }
 
 void Map::clear() {
-  for (Keyframe& keyframe : keyframes) keyframe.id = 0;
-  keyframes.resize(0);
-  for (MapPoint& point : points) point = MapPoint();
-  for (PartialPoint& point : partial_points) point = PartialPoint();
-  queued = 0;
-  held = false;
-  neighbour_count = 0;
-  ready = false;
-  limits_hit = 0;
-  moved = false;
-  ++epoch;
+  for (Keyframe& keyframe : keyframes_) keyframe.id = 0;
+  keyframes_.resize(0);
+  for (MapPoint& point : points_) point = MapPoint();
+  measurements_.clear();
+  for (PartialPoint& point : partial_points_) point = PartialPoint();
+  queue_.clear();
+  neighbour_count_ = 0;
+  ready_ = full_ = moved_ = false;
+  limits_hit_ = 0;
+  ++epoch_;
 }
 
 void Map::apply(const Similarity& S) {
-  // p' = s (R p + t); T' = [R_kw R^T, s (t_kw - R_kw R^T t)]
-  const auto transform_pose = [&S](SE3& T_kw) {
-    T_kw = T_kw * S.T.inverse();
-    T_kw.t *= S.scale;
-  };
-  for (Keyframe& keyframe : keyframes) {
-    transform_pose(keyframe.T_kw);
+  for (Keyframe& keyframe : keyframes_) {
+    keyframe.T_kw = S.moved(keyframe.T_kw);
     keyframe.T_anchor.t *= S.scale;
     keyframe.velocity.head<3>() *= S.scale;
     keyframe.velocity_prior.head<3>() *= S.scale;
     keyframe.mean_depth *= S.scale;
   }
-  for (int i = 0; i < queued + held; ++i) {
-    transform_pose(queue[i].frame.T_kw);
-    queue[i].frame.velocity.head<3>() *= S.scale;
-    queue[i].frame.velocity_prior.head<3>() *= S.scale;
-    queue[i].frame.mean_depth *= S.scale;
-  }
-  for (MapPoint& point : points) point.p_w = S * point.p_w;
-  for (PartialPoint& point : partial_points) {
+  queue_.apply(S);
+  for (MapPoint& point : points_) point.p_w = S * point.p_w;
+  for (PartialPoint& point : partial_points_) {
     point.inverse_depth /= S.scale;
     point.information *= S.scale * S.scale;
   }
-  transform = moved ? S * transform : S;
-  moved = true;
+  transform_ = moved_ ? S * transform_ : S;
+  moved_ = true;
 }
 
-bool Map::can_scale(float scale) const {
-  const auto small = [scale](const auto& v) { return v.cwiseAbs().maxCoeff() * scale <= kLargestInMap; };  // not NaN
+void Map::change_scale(float scale) {
+  Similarity S;
+  S.scale = scale;
+  apply(S);
+  ++epoch_;
+}
+
+bool Map::can_change_scale(float scale) const {
+  const auto small = [scale](const auto& v) { return v.cwiseAbs().maxCoeff() * scale <= kLargestInMap; };
   const auto fits = [&](const Keyframe& k) {
     return small(k.T_kw.t) && small(k.T_anchor.t) && small(k.velocity) && small(k.velocity_prior) &&
            k.mean_depth * scale >= kLeastDepthInMap && k.mean_depth * scale <= kLargestInMap;
   };
-  for (const Keyframe& keyframe : keyframes)
+  for (const Keyframe& keyframe : keyframes_)
     if (keyframe.id != 0 && !fits(keyframe)) return false;
-  for (int i = 0; i < queued + held; ++i)
-    if (!fits(queue[i].frame)) return false;
-  for (const MapPoint& point : points)
+  for (const KeyframeCandidate& candidate : queue_.all())
+    if (!fits(candidate.frame)) return false;
+  for (const MapPoint& point : points_)
     if (point.id != 0 && !small(point.p_w)) return false;
-  for (const PartialPoint& point : partial_points) {
+  for (const PartialPoint& point : partial_points_) {
     if (point.id == 0) continue;
     const float q = point.inverse_depth / scale;
     if (!(q >= kLeastDepthInMap && q <= kLargestInMap) || !(point.information * scale * scale <= kMostInformationInMap))
@@ -273,39 +313,48 @@ bool Map::can_scale(float scale) const {
 }
 
 bool Map::take_transform(Similarity* S) {
-  if (!moved) return false;
-  *S = transform;
-  moved = false;
+  if (!moved_) return false;
+  *S = transform_;
+  moved_ = false;
   return true;
+}
+
+void Map::check_consistency() const {
+#ifdef PPTAM_ENABLE_ASSERT
+  const auto has_keyframe = [this](int k) { return k >= 0 && k < keyframes_.size() && keyframes_[k].id != 0; };
+  PPTAM_ASSERT(!exists() || keyframes_[0].live());
+  for (const Keyframe& keyframe : keyframes_)
+    PPTAM_ASSERT(keyframe.id == 0 || !keyframe.erased ||
+                 (has_keyframe(keyframe.anchor) && keyframes_[keyframe.anchor].live()));
+  for (const MapPoint& point : points_) {
+    if (point.id == 0) continue;
+    PPTAM_ASSERT(has_keyframe(point.source.keyframe));
+    PPTAM_ASSERT(point.measurements.size() >= 2 && point.measurements.size() <= max_measurements_per_point_ + 1);
+    for (const Measurement& m : measurements(point))
+      PPTAM_ASSERT(has_keyframe(m.keyframe) && keyframes_[m.keyframe].live());
+  }
+  for (const PartialPoint& partial : partial_points_)
+    PPTAM_ASSERT(partial.id == 0 || has_keyframe(partial.source.keyframe));
+#endif
 }
 
 uint64_t Map::hash() const {
   Hash hash;
-  for (const Keyframe& keyframe : keyframes) {
+  for (const Keyframe& keyframe : keyframes_) {
     if (keyframe.id == 0) continue;
     for (int i = 0; i < 9; ++i) hash.add_float(keyframe.T_kw.R(i / 3, i % 3));
     for (int i = 0; i < 3; ++i) hash.add_float(keyframe.T_kw.t[i]);
   }
-  for (const MapPoint& point : points) {
+  for (const MapPoint& point : points_) {
     if (point.id == 0) continue;
     for (int i = 0; i < 3; ++i) hash.add_float(point.p_w[i]);
-    for (const Measurement& measurement : point.measurements) {
+    for (const Measurement& measurement : measurements(point)) {
       hash.add_float(static_cast<float>(measurement.keyframe));
-      hash.add_float(measurement.px.x());
-      hash.add_float(measurement.px.y());
+      hash.add_float(measurement.at.px.x());
+      hash.add_float(measurement.at.px.y());
     }
   }
   return hash.value();
-}
-
-Vector2f global_shutter_px(const CameraModel& camera, const RollingShutter& shutter, const Vector6f& velocity,
-                           const Vector3f& p_c, const Vector2f& px) {
-  if (shutter.line_time_s == 0) return px;
-  Vector2f projected;
-  Matrix23f J;
-  if (!camera.project(p_c, &projected, &J)) return px;
-  const float dt_s = shutter.dt_s(px, camera.width, camera.height);
-  return px - J * (se3_point_jacobian(p_c) * velocity) * dt_s;
 }
 
 }  // namespace pptam

@@ -1,9 +1,12 @@
 #include "map/map_file.h"
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <cmath>
 #include <cstring>
+
+#include "map/map_access.h"
 
 namespace pptam {
 
@@ -11,17 +14,17 @@ namespace {
 
 constexpr char kMagic[] = "PPTAMMAP";
 constexpr size_t kMagicBytes = 8;
-constexpr uint32_t kVersion = 1;
-constexpr size_t kHeaderBytes = 112;
+constexpr uint32_t kVersion = 2;
+constexpr size_t kHeaderBytes = 120;
 constexpr size_t kKeyframeBytes = 120;  // without its image and, if it was erased, its anchor
 constexpr size_t kPointBytes = 52;      // without its measurements
+constexpr size_t kMeasurementBytes = 20;
 constexpr size_t kPartialBytes = 44;
 constexpr size_t kCrcBytes = 4;
 
 constexpr uint32_t kErasedFlag = 1;
 // Of a rotation's rows and of a normal: a thousand times float32's rounding, a hundred times what a map ever shows.
 constexpr float kUnitTolerance = 1e-4f;
-constexpr float kLargestSigma_px = 1 << (kPyramidLevels - 1);
 
 Status refused(const char* message) {
   return {StatusCode::kInvalidArgument, message};
@@ -139,11 +142,11 @@ struct Header {
   uint32_t version = 0;
   uint32_t flags = 0;
   uint64_t bytes = 0;
-  CameraModel camera;
-  RollingShutter shutter;
+  Camera camera;
   uint32_t next_id = 0;
   Count keyframes, points, partial_points;
   uint32_t erased = 0;  // of the keyframes
+  uint32_t measurements = 0, most_of_a_point = 0;
 };
 
 void write_header(const Header& header, Writer* out) {
@@ -151,20 +154,22 @@ void write_header(const Header& header, Writer* out) {
   out->u32(header.version);
   out->u32(header.flags);
   out->u64(header.bytes);
-  const CameraModel& camera = header.camera;
+  const CameraModel& camera = header.camera.model;
   out->u32(static_cast<uint32_t>(camera.width));
   out->u32(static_cast<uint32_t>(camera.height));
   for (const float value : {camera.fx, camera.fy, camera.cx, camera.cy}) out->f32(value);
   out->u32(static_cast<uint32_t>(camera.distortion));
   for (const float value : camera.coeffs) out->f32(value);
-  out->u32(static_cast<uint32_t>(header.shutter.axis));
-  out->f32(header.shutter.line_time_s);
+  out->u32(static_cast<uint32_t>(header.camera.shutter.axis));
+  out->f32(header.camera.shutter.line_time_s);
   out->u32(header.next_id);
   for (const Count& counted : {header.keyframes, header.points, header.partial_points}) {
     out->u32(counted.slots);
     out->u32(counted.entries);
   }
   out->u32(header.erased);
+  out->u32(header.measurements);
+  out->u32(header.most_of_a_point);
 }
 
 enum class Checksum { kCheck, kChecked };
@@ -188,33 +193,39 @@ Status read_header(std::span<const std::byte> file, Checksum checksum, Header* h
   if (checksum == Checksum::kCheck && Reader(file.last(kCrcBytes)).u32() != crc32(checked))
     return refused("the map's checksum is wrong, the file is damaged: take another copy of it");
   if (header->flags != 0) return refused("the map's header has flags that this program does not know");
-  CameraModel& camera = header->camera;
+  CameraModel& camera = header->camera.model;
   const uint32_t width = in.u32(), height = in.u32();
   for (float* value : {&camera.fx, &camera.fy, &camera.cx, &camera.cy}) *value = in.f32();
   const uint32_t distortion = in.u32();
   for (float& value : camera.coeffs) value = in.f32();
   const uint32_t axis = in.u32();
-  header->shutter.line_time_s = in.f32();
+  header->camera.shutter.line_time_s = in.f32();
   header->next_id = in.u32();
   for (Count* counted : {&header->keyframes, &header->points, &header->partial_points}) {
     counted->slots = in.u32();
     counted->entries = in.u32();
   }
   header->erased = in.u32();
+  header->measurements = in.u32();
+  header->most_of_a_point = in.u32();
   if (width > INT16_MAX || height > INT16_MAX || distortion > static_cast<uint32_t>(Distortion::kEquidistant) ||
-      axis > static_cast<uint32_t>(RollingShutter::Axis::kColumns) || !within(header->shutter.line_time_s, -1, 1))
+      axis > static_cast<uint32_t>(RollingShutter::Axis::kColumns) ||
+      !within(header->camera.shutter.line_time_s, -1, 1))
     return refused("the map's camera is nonsense");
   camera.width = static_cast<int>(width);
   camera.height = static_cast<int>(height);
   camera.distortion = static_cast<Distortion>(distortion);
-  header->shutter.axis = static_cast<RollingShutter::Axis>(axis);
+  header->camera.shutter.axis = static_cast<RollingShutter::Axis>(axis);
   const Status status = camera.validate();
   if (!status.ok()) return status;
   // The counts must be possible before anybody makes room for them.
   uint64_t least = kHeaderBytes + kCrcBytes;
   least += header->keyframes.entries * (kKeyframeBytes + uint64_t{width} * height);
   least += uint64_t{header->points.entries} * kPointBytes;
+  least += uint64_t{header->measurements} * kMeasurementBytes;
   least += uint64_t{header->partial_points.entries} * kPartialBytes;
+  if (header->most_of_a_point > kMostMeasurements + 1)
+    return refused("a map point has more measurements than any configuration allows");
   bool possible = least <= header->bytes && header->erased < header->keyframes.entries;
   for (const Count& counted : {header->keyframes, header->points, header->partial_points})
     possible = possible && counted.entries <= counted.slots && counted.slots <= INT16_MAX;
@@ -233,15 +244,16 @@ bool same(const CameraModel& a, const CameraModel& b) {
 }
 
 Status check_fit(const Header& header, const Config& config) {
-  const CameraModel &made = header.camera, &given = config.camera;
+  const CameraModel &made = header.camera.model, &given = config.camera.model;
   if (made.width != given.width || made.height != given.height)
     return refused("the map was made with images of another size than Config::camera's");
   if (!same(made, given))
     return refused(
         "the map was made with another camera: focal length, principal point or distortion differ from "
         "Config::camera");
-  if (!same(header.shutter.line_time_s, config.shutter.line_time_s) || header.shutter.axis != config.shutter.axis)
-    return refused("the map was made with another rolling shutter than Config::shutter");
+  const RollingShutter &made_by = header.camera.shutter, &given_by = config.camera.shutter;
+  if (!same(made_by.line_time_s, given_by.line_time_s) || made_by.axis != given_by.axis)
+    return refused("the map was made with another rolling shutter than Config::camera's");
   // One more of either: the newcomer, when a map is saved while culling decides.
   const int erased = static_cast<int>(header.erased), live = static_cast<int>(header.keyframes.entries) - erased;
   if (live > config.max_keyframes + 1)
@@ -251,6 +263,11 @@ Status check_fit(const Header& header, const Config& config) {
     return refused("the map has more erased keyframes than Config::max_erased_keyframes: raise it");
   if (static_cast<int>(header.points.slots) > config.max_map_points)
     return refused("the map has more map points than Config::max_map_points: raise it");
+  if (header.measurements > static_cast<uint32_t>(config.max_measurements))
+    return refused("the map has more measurements than Config::max_measurements: raise it");
+  // One more until culling has judged it.
+  if (header.most_of_a_point > static_cast<uint32_t>(config.max_measurements_per_point + 1))
+    return refused("a map point has more measurements than Config::max_measurements_per_point: raise it");
   if (static_cast<int>(header.partial_points.slots) > config.max_partial_points)
     return refused("the map has more partial points than Config::max_partial_points: raise it");
   return {};
@@ -284,7 +301,7 @@ void write_keyframe(int slot, const Keyframe& keyframe, Writer* out) {
   for (int y = 0; y < image.height; ++y) out->bytes(image.row(y), static_cast<size_t>(image.width));
 }
 
-void write_point(int slot, const MapPoint& point, Writer* out) {
+void write_point(const Map& map, int slot, const MapPoint& point, Writer* out) {
   out->u32(static_cast<uint32_t>(slot));
   out->u32(point.id);
   out->vector(point.p_w);
@@ -292,10 +309,10 @@ void write_point(int slot, const MapPoint& point, Writer* out) {
   out->u16(point.attempts);
   out->u16(point.found);
   out->u32(static_cast<uint32_t>(point.measurements.size()));
-  for (const Measurement& m : point.measurements) {
+  for (const Measurement& m : map.measurements(point)) {
     out->u32(static_cast<uint32_t>(m.keyframe));
-    out->vector(m.px);
-    out->f32(m.sigma);
+    out->vector(m.at.px);
+    out->u32(m.at.level);
     out->f32(m.weight);
   }
 }
@@ -321,21 +338,28 @@ Header header_of(const Map& map, const Config& config, uint64_t bytes) {
   header.version = kVersion;
   header.bytes = bytes;
   header.camera = config.camera;
-  header.shutter = config.shutter;
-  header.next_id = map.next_id;
-  header.keyframes = count(map.keyframes);
-  header.points = count(map.points);
-  header.partial_points = count(map.partial_points);
+  header.next_id = MapAccess::next_id(map);
+  header.keyframes = count(map.keyframes());
+  header.points = count(map.points());
+  header.partial_points = count(map.partial_points());
   header.erased = static_cast<uint32_t>(map.erased_count());
+  for (const MapPoint& point : map.points()) {
+    if (point.id == 0) continue;
+    const auto measurements = static_cast<uint32_t>(point.measurements.size());
+    header.measurements += measurements;
+    header.most_of_a_point = std::max(header.most_of_a_point, measurements);
+  }
   return header;
 }
 
 size_t write(const Map& map, const Config& config, uint64_t bytes, std::span<std::byte> out) {
   Writer writer(out);
   write_header(header_of(map, config, bytes), &writer);
-  write_entries(map.keyframes, write_keyframe, &writer);
-  write_entries(map.points, write_point, &writer);
-  write_entries(map.partial_points, write_partial_point, &writer);
+  write_entries(map.keyframes(), write_keyframe, &writer);
+  write_entries(
+      map.points(), [&map](int slot, const MapPoint& point, Writer* to) { write_point(map, slot, point, to); },
+      &writer);
+  write_entries(map.partial_points(), write_partial_point, &writer);
   writer.u32(out.empty() ? 0 : crc32(out.first(writer.used())));
   return writer.used();
 }
@@ -349,14 +373,15 @@ class Body {
   Status read(Map* map_or_null) {
     map_ = map_or_null;
     if (map_) {
-      map_->keyframes.resize(static_cast<int>(header_.keyframes.slots));
-      for (Keyframe& keyframe : map_->keyframes) keyframe.id = 0;
+      MapAccess::resize_keyframes(*map_, static_cast<int>(header_.keyframes.slots));
+      for (int i = 0; i < map_->keyframes().size(); ++i) MapAccess::keyframe(*map_, i).id = 0;
     }
     Status status = read_entries(header_.keyframes, &Body::read_keyframe);
     if (status.ok()) status = check_anchors();
     if (status.ok()) status = read_entries(header_.points, &Body::read_point);
     if (status.ok()) status = read_entries(header_.partial_points, &Body::read_partial_point);
     if (!status.ok()) return status;
+    if (measurements_ != header_.measurements) return refused("the map's counts do not fit its measurements");
     if (in_.failed() || in_.left() != 0) return refused("the map's entries do not fill the file");
     return {};
   }
@@ -432,7 +457,7 @@ class Body {
       anchor = in_.u32();
       rotations = read_pose(&T_anchor) && rotations;
     }
-    const CameraModel& camera = header_.camera;
+    const CameraModel& camera = header_.camera.model;
     const auto pixels = in_.bytes(static_cast<size_t>(camera.width) * static_cast<size_t>(camera.height));
     if (in_.failed()) return refused("the map's entries do not fill the file");
     if (flags != 0 && !erased) return refused("a keyframe of the map has flags that this program does not know");
@@ -444,7 +469,7 @@ class Body {
     slots_[static_cast<size_t>(slot)] = erased ? Slot::kErased : Slot::kLive;
     anchors_[static_cast<size_t>(slot)] = anchor;
     if (!map_) return {};
-    Keyframe& keyframe = map_->keyframes[slot];
+    Keyframe& keyframe = MapAccess::keyframe(*map_, slot);
     keyframe.id = id;
     keyframe.erased = erased;
     keyframe.anchor = erased ? static_cast<int16_t>(anchor) : int16_t{-1};
@@ -474,24 +499,29 @@ class Body {
     const uint32_t measurements = in_.u32();
     if (!small_enough(point.p_w)) return refused("a map point's position is not a usable number");
     if (point.found > point.attempts) return refused("a map point was found more often than searched");
-    if (measurements < 2 || measurements > kMaxMeasurements + 1)  // one more until culling has judged it
-      return refused("a map point has less than two or more than nine measurements");
+    if (measurements < 2 || measurements > header_.most_of_a_point)
+      return refused("a map point has less than two measurements, or more than the header says");
+    measurements_ += measurements;
+    if (measurements_ > header_.measurements) return refused("the map's counts do not fit its measurements");
+    if (map_) MapAccess::point(*map_, slot) = point;
+    int16_t measured[kMostMeasurements + 1];
     for (uint32_t i = 0; i < measurements; ++i) {
       Measurement m;
       const uint32_t keyframe = in_.u32();
-      const bool inside = read_px(&m.px);
-      m.sigma = in_.f32();
+      const bool inside = read_px(&m.at.px);
+      const uint32_t level = in_.u32();
       m.weight = in_.f32();
       if (!has_live_keyframe(keyframe)) return refused("a map point was measured in a keyframe that is not there");
       m.keyframe = static_cast<int16_t>(keyframe);
       if (!inside) return refused("a map point was measured outside of the image");
-      if (!within(m.sigma, 1, kLargestSigma_px)) return refused("a measurement's sigma is not within 1 to 16 pixels");
+      if (level >= kPyramidLevels) return refused("a measurement's pyramid level is not within 0 to 4");
+      m.at.level = static_cast<uint8_t>(level);
       if (!within(m.weight, 0, 1)) return refused("a measurement's weight is not within 0 to 1");
-      for (const Measurement& other : point.measurements)
-        if (other.keyframe == m.keyframe) return refused("a map point was measured twice in one keyframe");
-      point.measurements.push_back(m);
+      if (std::find(measured, measured + i, m.keyframe) != measured + i)
+        return refused("a map point was measured twice in one keyframe");
+      measured[i] = m.keyframe;
+      if (map_) map_->add_measurement(slot, m);
     }
-    if (map_) map_->points[slot] = point;
     return {};
   }
 
@@ -504,12 +534,13 @@ class Body {
     partial.information = in_.f32();
     partial.attempts = in_.u16();
     partial.found = in_.u16();
-    if (!within(partial.inverse_depth, kLeastDepthInMap, kLargestInMap) || !within(partial.information, 0, kMostInformationInMap))
+    if (!within(partial.inverse_depth, kLeastDepthInMap, kLargestInMap) ||
+        !within(partial.information, 0, kMostInformationInMap))
       return refused("a partial point's depth is not a usable number");
     if (partial.found > partial.attempts) return refused("a partial point was found more often than searched");
     const Vector2f ray = config_.camera.unproject(partial.source.px);
     partial.ray = {ray.x(), ray.y(), 1.0f};
-    if (map_) map_->partial_points[slot] = partial;
+    if (map_) MapAccess::partial_point(*map_, slot) = partial;
     return {};
   }
 
@@ -517,6 +548,7 @@ class Body {
   const Header& header_;
   const Config& config_;
   Map* map_ = nullptr;
+  uint32_t measurements_ = 0;  // so far, of all points
   std::array<Slot, kMostKeyframeSlots> slots_ = {};
   std::array<uint32_t, kMostKeyframeSlots> anchors_ = {};
 };
@@ -545,7 +577,6 @@ Status read_map_info(std::span<const std::byte> file, MapInfo* info) {
   if (!status.ok()) return status;
   info->version = static_cast<int>(header.version);
   info->camera = header.camera;
-  info->shutter = header.shutter;
   info->keyframes = static_cast<int>(header.keyframes.entries - header.erased);
   info->erased_keyframes = static_cast<int>(header.erased);
   info->map_points = static_cast<int>(header.points.entries);
@@ -553,6 +584,8 @@ Status read_map_info(std::span<const std::byte> file, MapInfo* info) {
   info->min_keyframes = info->keyframes;
   info->min_erased_keyframes = static_cast<int>(header.keyframes.slots) - info->keyframes;
   info->min_map_points = static_cast<int>(header.points.slots);
+  info->min_measurements = static_cast<int>(header.measurements);
+  info->min_measurements_per_point = static_cast<int>(header.most_of_a_point);
   info->min_partial_points = static_cast<int>(header.partial_points.slots);
   return {};
 }
@@ -570,8 +603,8 @@ void read_map_file(std::span<const std::byte> file, const Config& config, Map& m
   Status status = read_header(file, Checksum::kChecked, &header);
   if (status.ok()) status = Body(file, header, config).read(&map);
   PPTAM_ASSERT(status.ok());
-  map.next_id = header.next_id;
-  map.ready = true;
+  MapAccess::set_next_id(map, header.next_id);
+  map.finish();
 }
 
 }  // namespace pptam

@@ -6,11 +6,11 @@
 // Images are level 0 alone: the pyramid and the small image are made from it again. A partial point's ray is that of
 // its source pixel. Frames as in map.h: T_kw takes world to keyframe, pixels are level 0.
 //
-//   header, 112 bytes   u8[8] "PPTAMMAP"  u32 version (1)  u32 flags (0)  u64 bytes of the whole file
+//   header, 120 bytes   u8[8] "PPTAMMAP"  u32 version (2)  u32 flags (0)  u64 bytes of the whole file
 //     camera            u32 width, height  f32 fx, fy, cx, cy  u32 distortion (as the enum)  f32[5] coefficients
 //     shutter           u32 axis (0 rows, 1 columns)  f32 line_time_s
 //     counts            u32 next_id, then for keyframes, map points and partial points each: u32 slots, u32 entries
-//     u32 erased keyframes
+//     u32 erased keyframes, measurements of all map points, the most of one map point
 //   keyframes, by ascending slot, each 120 bytes and the image
 //     u32 slot, id, flags (1: erased)  i64 timestamp_ns  f32[9] rotation of T_kw by rows, f32[3] its translation
 //     f32[6] velocity  f32[6] velocity_prior  f32 mean_depth
@@ -18,7 +18,7 @@
 //     u8[width * height] image by rows
 //   map points, by ascending slot, each 52 bytes and the measurements
 //     u32 slot, id  f32[3] p_w  source: u32 keyframe's slot, f32[2] px, f32[3] normal  u16 attempts, found
-//     u32 number of measurements, 2 to 9, each: u32 keyframe's slot, f32[2] px, f32 sigma, weight
+//     u32 number of measurements, at least 2, each: u32 keyframe's slot, f32[2] px, u32 level, f32 weight
 //   partial points, by ascending slot, each 44 bytes
 //     u32 slot, id  source as above  f32 inverse_depth, information  u16 attempts, found
 //   u32 CRC-32 (polynomial 0xEDB88320, as of zip and PNG) of all bytes before

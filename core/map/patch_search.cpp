@@ -18,8 +18,7 @@ constexpr float kMinCosSlant = 0.25f;
 
 }  // namespace
 
-bool patch_affinity(const CameraModel& camera, const Vector3f& p_s, const Vector3f& n_s, const SE3& T_ts,
-                    Matrix2f* A_t_s) {
+bool patch_affinity(const Camera& camera, const Vector3f& p_s, const Vector3f& n_s, const SE3& T_ts, Matrix2f* A_t_s) {
   const Vector3f p_t = T_ts * p_s;
   const Vector3f n_t = T_ts.R * n_s;
   if (-n_t.dot(p_t) < kMinCosSlant * p_t.norm()) return false;
@@ -58,7 +57,7 @@ bool warp_template(const Pyramid& source, const Vector2f& source_px, const Matri
 }
 
 SearchOutcome find_template(const Pyramid& target, const PatchTemplate& patch, const Vector2f& predicted_px,
-                            const SearchOptions& options, WorkMeter& meter, FoundPatch* found) {
+                            const SearchOptions& options, WorkMeter& meter, ImagePoint* found) {
   const GreyView& image = target.level[options.level];
   const Vector2f predicted(from_level0(predicted_px.x(), options.level), from_level0(predicted_px.y(), options.level));
   const float energy = static_cast<float>(patch.energy());
@@ -77,23 +76,21 @@ SearchOutcome find_template(const Pyramid& target, const PatchTemplate& patch, c
     at = refined.position;
   }
   found->px = {to_level0(at.x(), options.level), to_level0(at.y(), options.level)};
-  found->sigma = static_cast<float>(1 << options.level);
-  found->relative_zmssd = static_cast<float>(hit.zmssd) / energy;
+  found->level = static_cast<uint8_t>(options.level);
   return SearchOutcome::kFound;
 }
 
-SearchOutcome find_point(const Map& map, const CameraModel& camera, const PatchSource& source, const Vector3f& p_w,
-                         const SE3& T_cw, const Pyramid& target, const Vector2f& predicted_px,
-                         const SearchOptions& options, WorkMeter& meter, FoundPatch* found) {
-  const Keyframe& keyframe = map.keyframes[source.keyframe];
+SearchOutcome PatchFinder::find(const PatchSource& source, const Vector3f& p_w, const PredictedPoint& predicted,
+                                const Pyramid& target, const SearchOptions& options, ImagePoint* found) const {
+  const Keyframe& keyframe = map_.keyframes()[source.keyframe];
   const Vector3f p_s = keyframe.T_kw * p_w;
   Matrix2f A_t_s;
-  if (!patch_affinity(camera, p_s, source.normal, T_cw * keyframe.T_kw.inverse(), &A_t_s))
+  if (!patch_affinity(camera_, p_s, source.normal, predicted.T_cw * keyframe.T_kw.inverse(), &A_t_s))
     return SearchOutcome::kNotVisible;
   PatchTemplate patch;
-  meter.charge(Work::kPatchWarp, 1);
+  meter_.charge(Work::kPatchWarp, 1);
   if (!warp_template(keyframe.pyramid, source.px, A_t_s, options.level, &patch)) return SearchOutcome::kNotVisible;
-  return find_template(target, patch, predicted_px, options, meter, found);
+  return find_template(target, patch, predicted.px, options, meter_, found);
 }
 
 }  // namespace pptam

@@ -2,7 +2,7 @@
 #pragma once
 
 #include "base/work_meter.h"
-#include "geometry/camera_model.h"
+#include "camera/camera.h"
 #include "image/patch.h"
 #include "map/map.h"
 
@@ -18,12 +18,6 @@ struct SearchOptions {
   bool refine = true;
 };
 
-struct FoundPatch {
-  Vector2f px = Vector2f::Zero();  // level-0 pixels
-  float sigma = 1;                 // level-0 pixels: 2^level
-  float relative_zmssd = 0;
-};
-
 enum class SearchOutcome : uint8_t {
   kFound,
   kNotFound,    // searched, no match
@@ -33,8 +27,7 @@ enum class SearchOutcome : uint8_t {
 // Affine map from level-0 pixels of the source to level-0 pixels of the target, for a patch at p_s (source camera's
 // frame) on the plane with normal n_s; T_ts takes source to target. False when p is not projectable in both or the
 // plane is seen edge-on.
-bool patch_affinity(const CameraModel& source_camera, const Vector3f& p_s, const Vector3f& n_s, const SE3& T_ts,
-                    Matrix2f* A_t_s);
+bool patch_affinity(const Camera& camera, const Vector3f& p_s, const Vector3f& n_s, const SE3& T_ts, Matrix2f* A_t_s);
 
 // Warps the patch at source_px of the source pyramid by A (target level 0 from source level 0) for a search in
 // `level`, from the source level whose scale fits best. False when |det| falls outside [1/4, 4] at every level, the
@@ -44,11 +37,22 @@ bool warp_template(const Pyramid& source, const Vector2f& source_px, const Matri
 
 // Searches and refines a warped template around predicted_px (level 0).
 SearchOutcome find_template(const Pyramid& target, const PatchTemplate& patch, const Vector2f& predicted_px,
-                            const SearchOptions& options, WorkMeter& meter, FoundPatch* found);
+                            const SearchOptions& options, WorkMeter& meter, ImagePoint* found);
 
-// Both for a map point or partial point: `source` in the map's keyframe, p_w its position, T_cw the target's pose.
-SearchOutcome find_point(const Map& map, const CameraModel& camera, const PatchSource& source, const Vector3f& p_w,
-                         const SE3& T_cw, const Pyramid& target, const Vector2f& predicted_px,
-                         const SearchOptions& options, WorkMeter& meter, FoundPatch* found);
+// Finds patches of the map's keyframes in other images.
+class PatchFinder {
+ public:
+  PatchFinder(const Map& map, const Camera& camera, WorkMeter& meter) : map_(map), camera_(camera), meter_(meter) {}
+
+  // Of a map point or partial point at p_w, whose patch is `source`, where it is predicted. *found is set when it was
+  // found.
+  SearchOutcome find(const PatchSource& source, const Vector3f& p_w, const PredictedPoint& predicted,
+                     const Pyramid& target, const SearchOptions& options, ImagePoint* found) const;
+
+ private:
+  const Map& map_;
+  const Camera& camera_;
+  WorkMeter& meter_;
+};
 
 }  // namespace pptam

@@ -2,8 +2,7 @@
 
 #include <algorithm>
 
-#include "geometry/pose_update.h"
-#include "map/patch_search.h"
+#include "camera/pose_update.h"
 
 namespace pptam {
 
@@ -31,8 +30,8 @@ BundleCapacity capacity(const Config& config) {
   // One a slot of Map::keyframes, so that indices are the same; erased and empty ones are neither free nor observed.
   capacity.cameras = keyframe_slots(config.max_keyframes, config.max_erased_keyframes);
   capacity.points = config.max_map_points;
-  capacity.observations = config.max_map_points * kMaxMeasurements;
-  capacity.observations_per_point = kMaxMeasurements + 1;
+  capacity.observations = config.max_measurements;
+  capacity.observations_per_point = config.max_measurements_per_point + 1;
   capacity.columns = std::max(config.max_keyframes, 2 * kMaxVelocityCameras);
   return capacity;
 }
@@ -44,13 +43,14 @@ BundleAdjuster::BundleAdjuster(Arena& arena, const Config& config, Map& map, Wor
       map_(map),
       meter_(meter),
       background_(background),
-      engine_(arena, capacity(config), Projection{&config.camera}, meter, background),
+      finder_(map, config.camera, meter),
+      engine_(arena, capacity(config), Projection{&config.camera.model}, meter, background),
       point_indices_(arena, config.max_map_points) {}
 
 Task BundleAdjuster::run(int newest, bool velocities, int max_iterations) {
   result_ = BundleResult();
   const bool few = newest >= 0 || map_.live_count() <= kMaxVelocityCameras;
-  co_await gather(newest, velocities && few && config_.shutter.line_time_s != 0);
+  co_await gather(newest, velocities && few && config_.camera.shutter.line_time_s != 0);
   if (!engine_.assign_columns() || engine_.columns() == 0 || engine_.points().size() < kMinPoints) co_return;
   co_await engine_.start(BundleOptions());
   while (result_.iterations < max_iterations) {
@@ -70,7 +70,7 @@ Task BundleAdjuster::run(int newest, bool velocities, int max_iterations) {
       co_await discard_outliers();
       co_return;
     }
-    if (map_.queued > 0) co_return;  // the new keyframe comes first
+    if (map_.queue().waiting() > 0) co_return;  // the new keyframe comes first
     co_await background_.slice();
   }
 }
@@ -80,20 +80,20 @@ Task BundleAdjuster::run(int newest, bool velocities, int max_iterations) {
 Task BundleAdjuster::gather(int newest, bool velocities) {
   engine_.clear();
   point_indices_.clear();
-  for (const Keyframe& keyframe : map_.keyframes) {
+  for (const Keyframe& keyframe : map_.keyframes()) {
     Engine::Camera camera;
     camera.now = {keyframe.T_kw.R, keyframe.T_kw.t, keyframe.velocity};
     camera.velocity_prior = keyframe.velocity_prior;
     camera.prior_information = prior_information(keyframe.mean_depth);
     engine_.cameras().push_back(camera);
   }
-  meter_.charge(Work::kOther, 400LL * map_.keyframes.size());
+  meter_.charge(Work::kOther, 400LL * map_.keyframes().size());
   co_await free_cameras(newest, velocities);
-  for (int i = 0; i < map_.points.size(); ++i) {
-    const MapPoint& point = map_.points[i];
+  for (int i = 0; i < map_.points().size(); ++i) {
+    const MapPoint& point = map_.points()[i];
     if (point.id == 0) continue;
     bool seen_by_free = false;
-    for (const Measurement& m : point.measurements) {
+    for (const Measurement& m : map_.measurements(point)) {
       const Engine::Camera& camera = engine_.cameras()[m.keyframe];
       seen_by_free |= camera.pose_free || camera.velocity_free;
     }
@@ -107,21 +107,24 @@ Task BundleAdjuster::gather(int newest, bool velocities) {
     entry.p = point.p_w;
     // By ascending keyframe.
     for (int after = -1;;) {
-      int next = -1;
-      for (int j = 0; j < point.measurements.size(); ++j) {
-        const int keyframe = point.measurements[j].keyframe;
-        if (keyframe > after && (next < 0 || keyframe < point.measurements[next].keyframe)) next = j;
+      const Measurement* next = nullptr;
+      int tag = 0, j = 0;
+      for (const Measurement& m : map_.measurements(point)) {
+        if (m.keyframe > after && (!next || m.keyframe < next->keyframe)) {
+          next = &m;
+          tag = j;
+        }
+        ++j;
       }
-      if (next < 0) break;
-      const Measurement& m = point.measurements[next];
+      if (!next) break;
       Engine::Observation observation;
-      observation.px = m.px;
-      observation.inverse_sigma = 1.0f / m.sigma;
-      observation.dt_s = config_.shutter.dt_s(m.px, config_.camera.width, config_.camera.height);
-      observation.camera = m.keyframe;
-      observation.tag = static_cast<int16_t>(next);
+      observation.px = next->at.px;
+      observation.inverse_sigma = 1.0f / next->at.sigma();
+      observation.dt_s = config_.camera.dt_s(next->at.px);
+      observation.camera = next->keyframe;
+      observation.tag = static_cast<int16_t>(tag);
       if (!engine_.observations().push_back(observation)) break;
-      after = m.keyframe;
+      after = next->keyframe;
     }
     entry.count = engine_.observations().size() - entry.first;
     engine_.points().push_back(entry);
@@ -137,19 +140,19 @@ Task BundleAdjuster::free_cameras(int newest, bool velocities) {
   FixedVector<Engine::Camera>& cameras = engine_.cameras();
   if (newest < 0) {
     for (int k = 0; k < cameras.size(); ++k) {
-      const bool live = map_.keyframes[k].live();
+      const bool live = map_.keyframes()[k].live();
       cameras[k].pose_free = live && k > 0;
       cameras[k].velocity_free = live && velocities;
     }
     co_return;
   }
-  const Vector3f centre = map_.keyframes[newest].T_kw.centre();
+  const Vector3f centre = map_.keyframes()[newest].T_kw.centre();
   for (int count = 0; count < kLocalCameras; ++count) {
     int best = -1;
     float best_distance = 0;
     for (int k = 1; k < cameras.size(); ++k) {
-      if (cameras[k].pose_free || !map_.keyframes[k].live()) continue;
-      const float distance = k == newest ? -1 : (map_.keyframes[k].T_kw.centre() - centre).squaredNorm();
+      if (cameras[k].pose_free || !map_.keyframes()[k].live()) continue;
+      const float distance = k == newest ? -1 : (map_.keyframes()[k].T_kw.centre() - centre).squaredNorm();
       if (best < 0 || distance < best_distance) {
         best = k;
         best_distance = distance;
@@ -182,13 +185,13 @@ void BundleAdjuster::hold_scale(const SE3& T_last) {
 void BundleAdjuster::commit() {
   // A map that is not shown yet drifts in scale, which nothing else holds; the tracker follows it with a pose of the
   // scale that it was built with.
-  if (!map_.ready) hold_scale(map_.keyframes[map_.keyframes.size() - 1].T_kw);
+  if (!map_.ready()) hold_scale(map_.keyframes()[map_.keyframes().size() - 1].T_kw);
   for (int k = 0; k < engine_.cameras().size(); ++k) {
     const Engine::Camera& camera = engine_.cameras()[k];
-    if (camera.pose_free) map_.keyframes[k].T_kw = {camera.now.R, camera.now.t};
-    if (camera.velocity_free || !map_.ready) map_.keyframes[k].velocity = camera.now.velocity;
+    if (camera.pose_free) map_.move_keyframe(k, {camera.now.R, camera.now.t});
+    if (camera.velocity_free || !map_.ready()) map_.set_velocity(k, camera.now.velocity);
   }
-  for (int i = 0; i < point_indices_.size(); ++i) map_.points[point_indices_[i]].p_w = engine_.points()[i].p;
+  for (int i = 0; i < point_indices_.size(); ++i) map_.move_point(point_indices_[i], engine_.points()[i].p);
   map_.follow_anchors();
   meter_.charge(Work::kOther, 20LL * point_indices_.size() + 200LL * map_.erased_count());
 }
@@ -196,23 +199,20 @@ void BundleAdjuster::commit() {
 // A measurement's second chance [ptam 6.4]: sought again, no further from where the point should be than an inlier is.
 // What made it an outlier is further away than that, so that the same thing is not found twice.
 bool BundleAdjuster::measure_again(const MapPoint& point, Measurement* measurement) {
-  const Keyframe& keyframe = map_.keyframes[measurement->keyframe];
-  Vector2f px;
-  SE3 T_line;
+  const Keyframe& keyframe = map_.keyframes()[measurement->keyframe];
+  PredictedPoint predicted;
   meter_.charge(Work::kPointProjected, 1);
-  if (!project_rolling(config_.camera, config_.shutter, keyframe.T_kw, keyframe.velocity, point.p_w, &px, &T_line))
-    return false;
+  if (!config_.camera.project_rolling(keyframe.T_kw, keyframe.velocity, point.p_w, &predicted)) return false;
   SearchOptions options;
   // A sigma is a pixel of the level that was searched; within one pixel the nearest whole positions lie.
   options.radius_px = std::clamp(kTukeyCutoff * engine_.sigma(), 1.0f, kMostSecondSearch_px);
   options.max_relative_zmssd = kSecondSearchZmssd;
 
-  FoundPatch found;
-  if (find_point(map_, config_.camera, point.source, point.p_w, T_line, keyframe.pyramid, px, options, meter_,
-                 &found) != SearchOutcome::kFound ||
-      !(tukey_weight((found.px - px).squaredNorm() / (found.sigma * found.sigma), engine_.sigma()) > 0))
+  ImagePoint found;
+  if (finder_.find(point.source, point.p_w, predicted, keyframe.pyramid, options, &found) != SearchOutcome::kFound ||
+      !(tukey_weight((found.px - predicted.px).squaredNorm() / (found.sigma() * found.sigma()), engine_.sigma()) > 0))
     return false;
-  *measurement = {found.px, found.sigma, measurement->keyframe};
+  *measurement = {found, measurement->keyframe};
   return true;
 }
 
@@ -221,22 +221,28 @@ bool BundleAdjuster::measure_again(const MapPoint& point, Measurement* measureme
 Task BundleAdjuster::discard_outliers() {
   for (int i = 0; i < point_indices_.size(); ++i) {
     const Engine::Point& entry = engine_.points()[i];
-    MapPoint& point = map_.points[point_indices_[i]];
-    bool outlier[kMaxMeasurements + 1] = {};
+    const int index = point_indices_[i];
+    const MapPoint& point = map_.points()[index];
+    bool outlier[kMostMeasurements + 1] = {};
     bool source_is_outlier = false;
     int good = 0;
     for (int k = entry.first; k < entry.first + entry.count; ++k) {
       const Engine::Observation& o = engine_.observations()[k];
-      point.measurements[o.tag].weight = o.weight;
+      map_.set_weight(index, o.tag, o.weight);
       outlier[o.tag] = o.weight == 0;
       good += o.weight != 0;
       source_is_outlier |= o.weight == 0 && o.camera == point.source.keyframe;
     }
     for (int j = point.measurements.size() - 1; j >= 0 && !source_is_outlier; --j) {
       if (!outlier[j]) continue;
-      if (good < kMinGoodToSearch || !measure_again(point, &point.measurements[j])) point.measurements.erase_at(j);
+      Measurement again = map_.measurements(point)[j];
+      if (good >= kMinGoodToSearch && measure_again(point, &again)) {
+        map_.set_measurement(index, j, again);
+      } else {
+        map_.remove_measurement(index, j);
+      }
     }
-    if (source_is_outlier || point.measurements.size() < 2) map_.remove_point(point_indices_[i]);
+    if (source_is_outlier || point.measurements.size() < 2) map_.remove_point(index);
     meter_.charge(Work::kOther, 30 + 25LL * entry.count);
     co_await background_.slice();
   }

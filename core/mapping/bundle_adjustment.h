@@ -10,6 +10,7 @@
 #pragma once
 
 #include "map/map.h"
+#include "map/patch_search.h"
 #include "mapping/bundle_engine.h"
 #include "scheduler/task.h"
 
@@ -58,6 +59,7 @@ class BundleAdjuster {
   Map& map_;
   WorkMeter& meter_;
   Background& background_;
+  PatchFinder finder_;
   Engine engine_;
   FixedVector<int32_t> point_indices_;  // of the engine's points, in Map::points
   BundleResult result_;

@@ -21,28 +21,28 @@ constexpr int64_t kViewDistanceInstructions = 145;
 
 }  // namespace
 
-void measure_usefulness(const Map& map, const CameraModel& camera, const MapPoint& point, float* m) {
+void measure_usefulness(const Map& map, const Camera& camera, const MapPoint& point, float* m) {
   const int count = point.measurements.size();
   if (count == 0) return;
   // In units of a typical depth V_j is of order 1 / sigma^2, and |V| within float32.
-  const float depth = map.keyframes[point.measurements[0].keyframe].mean_depth;
-  const float aspect = camera.fy / camera.fx;
-  Symmetric3 V_j[kMaxMeasurements + 1], V;
-  for (int j = 0; j < count; ++j) {
-    const Measurement& measurement = point.measurements[j];
-    const SE3& T_kw = map.keyframes[measurement.keyframe].T_kw;
+  const float depth = map.keyframes()[map.measurements(point)[0].keyframe].mean_depth;
+  const float aspect = camera.model.fy / camera.model.fx;
+  Symmetric3 V_j[kMostMeasurements + 1], V;
+  int next = 0;
+  for (const Measurement& measurement : map.measurements(point)) {
+    Symmetric3& A = V_j[next++];
+    const SE3& T_kw = map.keyframes()[measurement.keyframe].T_kw;
     const Vector3f p_k = T_kw * point.p_w;
     if (!(p_k.z() > 0)) continue;
     const float inverse_z = 1.0f / p_k.z();
     const float u = p_k.x() * inverse_z, v = p_k.y() * inverse_z;
-    const float scale = depth * inverse_z / measurement.sigma;
+    const float scale = depth * inverse_z / measurement.at.sigma();
     const float s = measurement.weight * scale * scale;
     float a[3], b[3];  // rows of B_j but for s
     for (int i = 0; i < 3; ++i) {
       a[i] = T_kw.R(0, i) - u * T_kw.R(2, i);
       b[i] = aspect * (T_kw.R(1, i) - v * T_kw.R(2, i));
     }
-    Symmetric3& A = V_j[j];
     A.xx = s * (a[0] * a[0] + b[0] * b[0]);
     A.yx = s * (a[1] * a[0] + b[1] * b[0]);
     A.yy = s * (a[1] * a[1] + b[1] * b[1]);
@@ -64,17 +64,18 @@ float keyframe_vote(int observers, int rank) {
   return static_cast<float>(std::max(0, o - (rank - 1))) / static_cast<float>(o * (o + 1) / 2);
 }
 
-void cull_measurements(const Map& map, const CameraModel& camera, MapPoint& point, WorkMeter& meter) {
-  while (point.measurements.size() > kMaxMeasurements) {
-    float m[kMaxMeasurements + 1];
+void cull_measurements(Map& map, int index, const Camera& camera, WorkMeter& meter) {
+  const MapPoint& point = map.points()[index];
+  while (point.measurements.size() > map.max_measurements_per_point()) {
+    float m[kMostMeasurements + 1];
     measure_usefulness(map, camera, point, m);
     meter.charge(Work::kOther, kUsefulnessInstructions * point.measurements.size());
-    int worst = -1;
-    for (int j = 0; j < point.measurements.size(); ++j) {
-      if (point.measurements[j].keyframe == point.source.keyframe) continue;
-      if (worst < 0 || m[j] < m[worst]) worst = j;
+    int worst = -1, j = 0;
+    for (const Measurement& measurement : map.measurements(point)) {
+      if (measurement.keyframe != point.source.keyframe && (worst < 0 || m[j] < m[worst])) worst = j;
+      ++j;
     }
-    point.measurements.erase_at(worst);
+    map.remove_measurement(index, worst);
   }
 }
 
@@ -103,11 +104,11 @@ Task KeyframeCuller::choose() {
     co_await count_components(-1, common);
     if (components_ <= parts) break;
   }
-  for (int k = 0; k < map_.keyframes.size(); ++k) judged_[k] = !map_.keyframes[k].live() || k == 0;
+  for (int k = 0; k < map_.keyframes().size(); ++k) judged_[k] = !map_.keyframes()[k].live() || k == 0;
   for (int newest = 0; newest < 2; ++newest) {
     int youngest = -1;
     for (const int16_t k : live_)
-      if (!judged_[k] && (youngest < 0 || map_.keyframes[k].id > map_.keyframes[youngest].id)) youngest = k;
+      if (!judged_[k] && (youngest < 0 || map_.keyframes()[k].id > map_.keyframes()[youngest].id)) youngest = k;
     if (youngest >= 0) judged_[youngest] = 1;
   }
   for (;;) {
@@ -125,35 +126,39 @@ Task KeyframeCuller::choose() {
 
 Task KeyframeCuller::count_votes() {
   live_.clear();
-  place_.resize(map_.keyframes.size());
-  votes_.resize(map_.keyframes.size());
-  judged_.resize(map_.keyframes.size());
-  for (int k = 0; k < map_.keyframes.size(); ++k) {
+  place_.resize(map_.keyframes().size());
+  votes_.resize(map_.keyframes().size());
+  judged_.resize(map_.keyframes().size());
+  for (int k = 0; k < map_.keyframes().size(); ++k) {
     votes_[k] = 0;
     place_[k] = -1;
-    if (!map_.keyframes[k].live()) continue;
+    if (!map_.keyframes()[k].live()) continue;
     place_[k] = static_cast<int16_t>(live_.size());
     live_.push_back(static_cast<int16_t>(k));
   }
   reached_.resize(live_.size());
   common_.resize(live_.size() * live_.size());
   std::fill(common_.begin(), common_.end(), uint8_t{0});
-  meter_.charge(Work::kOther, common_.size() + 10LL * map_.keyframes.size());
-  for (const MapPoint& point : map_.points) {
+  meter_.charge(Work::kOther, common_.size() + 10LL * map_.keyframes().size());
+  for (const MapPoint& point : map_.points()) {
     if (point.id == 0) continue;
     const int observers = point.measurements.size();
-    float m[kMaxMeasurements + 1];
+    float m[kMostMeasurements + 1];
     if (observers > 2) measure_usefulness(map_, config_.camera, point, m);
-    int rank[kMaxMeasurements + 1] = {};  // counted from 0; equal ones in the order of the measurements
-    for (int j = 0; j < observers; ++j) {
-      const int b = place_[point.measurements[j].keyframe];
+    int keyframe[kMostMeasurements + 1], place[kMostMeasurements + 1];
+    int rank[kMostMeasurements + 1];  // counted from 0; equal ones in the order of the measurements
+    int j = 0;
+    for (const Measurement& measurement : map_.measurements(point)) {
+      keyframe[j] = measurement.keyframe;
+      place[j] = place_[measurement.keyframe];
+      rank[j] = 0;
       for (int i = 0; i < j; ++i) {
         if (observers > 2) ++rank[m[j] > m[i] ? i : j];
-        const int a = place_[point.measurements[i].keyframe];
-        if (common(a, b) < 255) common(b, a) = ++common(a, b);
+        if (common(place[i], place[j]) < 255) common(place[j], place[i]) = ++common(place[i], place[j]);
       }
+      ++j;
     }
-    for (int j = 0; j < observers; ++j) votes_[point.measurements[j].keyframe] += keyframe_vote(observers, rank[j] + 1);
+    for (j = 0; j < observers; ++j) votes_[keyframe[j]] += keyframe_vote(observers, rank[j] + 1);
     meter_.charge(Work::kOther, kPointInstructions + kPairInstructions * (observers * (observers - 1) / 2) +
                                     (kUsefulnessInstructions + kVoteInstructions) * observers);
     co_await background_.slice();
@@ -185,15 +190,15 @@ Task KeyframeCuller::count_components(int without, int common_points) {
 
 Task KeyframeCuller::erase(int keyframe) {
   // Those anchored to it go to others first, one at a time.
-  for (int k = 0; k < map_.keyframes.size(); ++k) {
-    const Keyframe& other = map_.keyframes[k];
+  for (int k = 0; k < map_.keyframes().size(); ++k) {
+    const Keyframe& other = map_.keyframes()[k];
     if (other.id == 0 || !other.erased || other.anchor != keyframe) continue;
     map_.anchor_keyframe(k, keyframe);
     meter_.charge(Work::kOther, kViewDistanceInstructions * live_.size());
     co_await background_.slice();
   }
   map_.erase_keyframe(keyframe);
-  meter_.charge(Work::kOther, 35LL * map_.points.size() + kViewDistanceInstructions * live_.size());
+  meter_.charge(Work::kOther, 35LL * map_.points().size() + kViewDistanceInstructions * live_.size());
   co_await background_.slice();
 }
 
@@ -202,36 +207,36 @@ Task KeyframeCuller::forget_surplus() {
   co_await choose_forgotten();
   const auto sources = static_cast<int64_t>(votes_[forgotten_]);
   map_.forget_keyframe(forgotten_);
-  meter_.charge(Work::kOther, 15LL * (map_.points.size() + map_.partial_points.size()) +
-                                  sources * kMaxMeasurements * kViewDistanceInstructions);
+  meter_.charge(Work::kOther, 15LL * (map_.points().size() + map_.partial_points().size()) +
+                                  sources * config_.max_measurements_per_point * kViewDistanceInstructions);
   co_await background_.slice();
 }
 
 Task KeyframeCuller::choose_forgotten() {
   // votes_ are done with: how many patches each keyframe is the source of.
-  votes_.resize(map_.keyframes.size());
+  votes_.resize(map_.keyframes().size());
   std::fill(votes_.begin(), votes_.end(), 0.0f);
-  for (const MapPoint& point : map_.points)
+  for (const MapPoint& point : map_.points())
     if (point.id != 0) votes_[point.source.keyframe] += 1;
-  for (const PartialPoint& partial : map_.partial_points)
+  for (const PartialPoint& partial : map_.partial_points())
     if (partial.id != 0) votes_[partial.source.keyframe] += 1;
-  meter_.charge(Work::kOther, 8LL * (map_.points.size() + map_.partial_points.size()));
+  meter_.charge(Work::kOther, 8LL * (map_.points().size() + map_.partial_points().size()));
   co_await background_.slice();
   forgotten_ = -1;
   float least = 0;
-  for (int k = 0; k < map_.keyframes.size(); ++k) {
-    const Keyframe& keyframe = map_.keyframes[k];
+  for (int k = 0; k < map_.keyframes().size(); ++k) {
+    const Keyframe& keyframe = map_.keyframes()[k];
     if (keyframe.id == 0 || !keyframe.erased) continue;
     float nearest = 1e9f;
-    for (int other = 0; other < map_.keyframes.size(); ++other)
-      if (other != k && map_.keyframes[other].id != 0)
-        nearest = std::min(nearest, Map::view_distance(keyframe, map_.keyframes[other]));
+    for (int other = 0; other < map_.keyframes().size(); ++other)
+      if (other != k && map_.keyframes()[other].id != 0)
+        nearest = std::min(nearest, Map::view_distance(keyframe, map_.keyframes()[other]));
     const float value = nearest * (1 + votes_[k]);
     if (forgotten_ < 0 || value < least) {
       forgotten_ = k;
       least = value;
     }
-    meter_.charge(Work::kOther, kViewDistanceInstructions * map_.keyframes.size());
+    meter_.charge(Work::kOther, kViewDistanceInstructions * map_.keyframes().size());
     co_await background_.slice();
   }
 }

@@ -29,13 +29,14 @@ constexpr int kMinCommonPoints = 12;
 
 // m_j of each of the point's measurements, up to a factor that they share. Lens distortion, nearly the same factor for
 // all, is left out.
-void measure_usefulness(const Map& map, const CameraModel& camera, const MapPoint& point, float* m);
+void measure_usefulness(const Map& map, const Camera& camera, const MapPoint& point, float* m);
 
 // Of the measurement whose usefulness has this rank, counted from 1.
 float keyframe_vote(int observers, int rank);
 
-// Takes out the least useful measurements until kMaxMeasurements are left. That of the patch's source always stays.
-void cull_measurements(const Map& map, const CameraModel& camera, MapPoint& point, WorkMeter& meter);
+// Takes out the point's least useful measurements until Map::max_measurements_per_point() are left. That of the patch's
+// source always stays.
+void cull_measurements(Map& map, int point, const Camera& camera, WorkMeter& meter);
 
 class KeyframeCuller {
  public:

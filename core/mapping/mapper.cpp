@@ -14,6 +14,8 @@ namespace pptam {
 namespace {
 
 constexpr size_t kFrameBytes = 24 * 1024;  // nested jobs' frames: run > insert_keyframe > ..., run > bundle > ...
+constexpr int kMostPosePoints = 250;       // of a keyframe, to find its velocity
+constexpr uint8_t kCornerLevel = 1;        // how precisely a partial point's corner is known
 constexpr int kBundleIterations = 12;
 constexpr int kInitialIterations = 30;
 constexpr int kMinInitialPoints = 15;
@@ -27,7 +29,7 @@ constexpr float kMaxPromotionError_px = 4.0f;
 constexpr float kMinParallax_rad = 0.015f;
 constexpr float kMaxRelativeDepthSigma = 0.15f;
 constexpr float kMeasurementNoise_px = 0.8f;  // sub-pixel noise and what the rolling shutter's correction leaves
-constexpr float kImageBorder_px = 12.0f;
+constexpr float kImageBorder_px = 12.0f;      // half a template and the search circle of L1, level-0 pixels
 constexpr float kMinReliability = 0.3f;
 constexpr int kMinAttempts = 20;
 // Of a point with two measurements: nothing but searches can show that its depth is wrong.
@@ -46,46 +48,50 @@ Mapper::Mapper(Arena& arena, const Config& config, Map& map, WorkMeter& meter)
       map_(map),
       bundle_(arena, config, map, meter, *this),
       culler_(arena, config, map, meter, *this),
-      corner_detector_(arena, config.camera.width, config.camera.height),
-      pose_points_(arena, 250),
+      corner_detector_(arena, config.camera.model.width, config.camera.model.height),
+      finder_(map, config.camera, meter),
+      pose_points_(arena, kMostPosePoints),
+      pose_(arena, kMostPosePoints, config.camera.shutter.line_time_s != 0, meter),
       occupied_(arena, config.max_map_points + config.max_partial_points) {}
 
 bool Mapper::has_work() const {
-  if (!map_.exists() || (map_.locked && map_.ready)) return false;
-  return epoch_ != map_.epoch || !resting_ || map_.queued > 0 || !map_.ready;
+  if (!map_.exists() || (map_.locked() && map_.ready())) return false;
+  return epoch_ != map_.epoch() || !resting_ || map_.queue().waiting() > 0 || !map_.ready();
 }
 
 void Mapper::work_slice() {
   if (!has_work()) return;
-  if (epoch_ != map_.epoch) {
+  if (epoch_ != map_.epoch()) {
     // The map that the paused job worked on is gone, or has another scale.
-    epoch_ = map_.epoch;
+    epoch_ = map_.epoch();
     abandon();
     task_ = Task();
     local_pending_ = false;
-    full_pending_ = map_.ready;
+    full_pending_ = map_.ready();
     newest_ = -1;
     velocity_rounds_ = 0;
     tidy_next_ = tidy_left_ = 0;
     task_ = run();
     resting_ = false;
     task_.start();
+    map_.check_consistency();
     return;
   }
   resting_ = false;
   resume();
+  map_.check_consistency();
 }
 
 Task Mapper::run() {
   co_await cull_surplus_measurements();  // an insertion may have been given up half-way
   for (;;) {
-    if (map_.exists() && !map_.ready) {
+    if (map_.exists() && !map_.ready()) {
       co_await finish_initial_map();
     } else if (map_.live_count() > config_.max_keyframes) {  // an insertion was given up half-way
       co_await make_room();
     } else if (map_.erased_count() > config_.max_erased_keyframes) {  // likewise
       co_await culler_.forget_surplus();
-    } else if (map_.queued > 0) {
+    } else if (map_.queue().waiting() > 0) {
       co_await insert_keyframe();
     } else if (local_pending_) {
       local_pending_ = false;
@@ -96,7 +102,7 @@ Task Mapper::run() {
       if (!bundle_.result().converged) full_pending_ = true;
       if (bundle_.result().converged) {
         co_await discard_unreliable_points();
-        tidy_left_ = map_.points.size();
+        tidy_left_ = map_.points().size();
         if (map_.live_count() > kMaxVelocityCameras && velocity_rounds_ < kVelocityRounds) {
           ++velocity_rounds_;
           co_await update_velocities();
@@ -115,17 +121,16 @@ Task Mapper::run() {
 // What is measured in a keyframe, at most so many, into pose_points_.
 Task Mapper::gather_pose_points(int keyframe, int most) {
   pose_points_.clear();
-  for (const MapPoint& point : map_.points) {
+  for (const MapPoint& point : map_.points()) {
     if (pose_points_.size() >= most) break;
     if (point.id == 0) continue;
     meter_.charge(Work::kOther, 50 + 20LL * point.measurements.size());
     co_await slice();
-    for (const Measurement& m : point.measurements) {
+    for (const Measurement& m : map_.measurements(point)) {
       if (m.keyframe != keyframe) continue;
       PosePoint p;
       p.p_w = point.p_w;
-      p.px = m.px;
-      p.sigma = m.sigma;
+      p.found = m.at;
       pose_points_.push_back(p);
       break;
     }
@@ -135,22 +140,22 @@ Task Mapper::gather_pose_points(int keyframe, int most) {
 // Poses of the initial views between the first and the last, backwards, each starting at its successor's.
 Task Mapper::locate_initial_views(bool* good) {
   *good = true;
-  const int count = map_.keyframes.size();
+  const int count = map_.keyframes().size();
   for (int k = count - 2; k > 0; --k) {
     co_await gather_pose_points(k, kLocatingPoints);
     VelocityPrior prior;
-    prior.sigma_translation = kInitialVelocitySigmaTranslation * map_.keyframes[k].mean_depth;
+    prior.sigma_translation = kInitialVelocitySigmaTranslation * map_.keyframes()[k].mean_depth;
     prior.sigma_rotation = kInitialVelocitySigmaRotation;
-    pose_.start(config_.camera, config_.shutter, map_.keyframes[k + 1].T_kw, prior, pose_points_, kRobustSigmaFloor,
-                meter_);
+    const PosePoints points(config_.camera, pose_points_);
+    pose_.start(map_.keyframes()[k + 1].T_kw, prior, points);
     while (!pose_.advance()) co_await slice();
     const PoseUpdate& update = pose_.result();
     if (!update.ok || !(update.sigma < kMaxInitialSigma)) {
       *good = false;
       co_return;
     }
-    map_.keyframes[k].T_kw = update.T_cw;
-    map_.keyframes[k].velocity = update.velocity;
+    map_.move_keyframe(k, update.T_cw);
+    map_.set_velocity(k, update.velocity);
   }
 }
 
@@ -158,26 +163,24 @@ Task Mapper::locate_initial_views(bool* good) {
 // either end, where only one side is known, its mean velocity is carried on to the keyframe by the difference to the
 // next keyframe's.
 Task Mapper::measure_initial_velocities() {
-  if (config_.shutter.line_time_s == 0) co_return;
-  const int count = std::min(map_.keyframes.size(), kMaxInitialKeyframes);
+  if (config_.camera.shutter.line_time_s == 0) co_return;
+  const int count = std::min(map_.keyframes().size(), kMaxInitialKeyframes);
   Vector6f mean[kMaxInitialKeyframes];
   float mean_s[kMaxInitialKeyframes];  // the time of which it is the mean, from the first keyframe's
-  const int64_t start_ns = map_.keyframes[0].timestamp_ns;
+  const int64_t start_ns = map_.keyframes()[0].timestamp_ns;
   for (int k = 0; k < count; ++k) {
-    const Keyframe& keyframe = map_.keyframes[k];
+    const Keyframe& keyframe = map_.keyframes()[k];
     SE3 T_first = keyframe.T_kw, T_last = keyframe.T_kw;
     int64_t first_ns = keyframe.timestamp_ns, last_ns = keyframe.timestamp_ns;
-    for (int n = 0; n < map_.neighbour_count; ++n) {
-      const NeighbourFrame& neighbour = map_.neighbours[n];
+    for (const NeighbourFrame& neighbour : map_.neighbours()) {
       if (neighbour.keyframe != k) continue;
       pose_points_.clear();
       for (const KeyframeMeasurement& m : neighbour.measurements) {
-        const MapPoint& point = map_.points[m.point];
+        const MapPoint& point = map_.points()[m.point];
         if (point.id != m.point_id || pose_points_.size() >= kLocatingPoints) continue;
         PosePoint p;
         p.p_w = point.p_w;
-        p.px = m.px;
-        p.sigma = m.sigma;
+        p.found = m.at;
         pose_points_.push_back(p);
       }
       VelocityPrior prior;
@@ -185,8 +188,8 @@ Task Mapper::measure_initial_velocities() {
       prior.sigma_translation = kVelocitySigmaTranslation * keyframe.mean_depth;
       prior.sigma_rotation = kVelocitySigmaRotation;
       const float dt_s = static_cast<float>(neighbour.timestamp_ns - keyframe.timestamp_ns) * 1e-9f;
-      pose_.start(config_.camera, config_.shutter, pose_at(keyframe.T_kw, keyframe.velocity, dt_s), prior, pose_points_,
-                  kRobustSigmaFloor, meter_);
+      const PosePoints points(config_.camera, pose_points_);
+      pose_.start(pose_at(keyframe.T_kw, keyframe.velocity, dt_s), prior, points);
       while (!pose_.advance()) co_await slice();
       const PoseUpdate& update = pose_.result();
       if (update.ok && dt_s < 0) {
@@ -202,12 +205,14 @@ Task Mapper::measure_initial_velocities() {
     mean_s[k] = static_cast<float>(first_ns - start_ns) * 1e-9f + 0.5f * dt_s;
   }
   for (int k = 0; k < count; ++k) {
-    Keyframe& keyframe = map_.keyframes[k];
+    const Keyframe& keyframe = map_.keyframes()[k];
     const int other = k > 0 ? k - 1 : std::min(1, count - 1);
     const float late_s = static_cast<float>(keyframe.timestamp_ns - start_ns) * 1e-9f - mean_s[k];
     const float apart_s = mean_s[other] - mean_s[k];
     const float share = std::abs(apart_s) > std::abs(late_s) ? late_s / apart_s : 0;
-    keyframe.velocity = keyframe.velocity_prior = mean[k] + share * (mean[other] - mean[k]);
+    const Vector6f velocity = mean[k] + share * (mean[other] - mean[k]);
+    map_.set_velocity(k, velocity);
+    map_.set_velocity_prior(k, velocity);
   }
 }
 
@@ -222,13 +227,13 @@ Task Mapper::finish_initial_map() {
   if (good) co_await align_to_dominant_plane(&good);
   if (!good) {
     map_.clear();
-    meter_.charge(Work::kOther, 100LL * map_.points.size());
+    meter_.charge(Work::kOther, 100LL * map_.points().size());
     resting_ = true;
     co_await rest();  // the next slice starts afresh: the epoch has changed
     co_return;
   }
-  map_.ready = true;
-  newest_ = map_.keyframes.size() - 1;
+  map_.finish();
+  newest_ = map_.keyframes().size() - 1;
   co_await add_partial_points(newest_);
 }
 
@@ -237,14 +242,14 @@ Task Mapper::finish_initial_map() {
 // config.initial_baseline from the first [ptam 6.1].
 Task Mapper::align_to_dominant_plane(bool* good) {
   *good = false;
-  const SE3 T_1w = map_.keyframes[0].T_kw;
-  const float depth = map_.keyframes[0].mean_depth;
+  const SE3 T_1w = map_.keyframes()[0].T_kw;
+  const float depth = map_.keyframes()[0].mean_depth;
   const float threshold = 0.02f * depth;
   int16_t indices[512];
   int count = 0;
-  for (int i = 0; i < map_.points.size() && count < 512; ++i)
-    if (map_.points[i].id != 0) indices[count++] = static_cast<int16_t>(i);
-  const auto p_1 = [&](int i) -> Vector3f { return T_1w * map_.points[indices[i]].p_w; };
+  for (int i = 0; i < map_.points().size() && count < 512; ++i)
+    if (map_.points()[i].id != 0) indices[count++] = static_cast<int16_t>(i);
+  const auto p_1 = [&](int i) -> Vector3f { return T_1w * map_.points()[indices[i]].p_w; };
   // Three points at a time, by a fixed sequence: the same plane on every run and target.
   uint32_t state = 12345;
   const auto next = [&state](int n) {
@@ -311,8 +316,8 @@ Task Mapper::align_to_dominant_plane(bool* good) {
   R.row(1) = y.transpose();
   R.row(2) = z.transpose();
   float baseline = 0;  // of the initial views, the longest from the first
-  for (const Keyframe& keyframe : map_.keyframes)
-    baseline = std::max(baseline, (keyframe.T_kw.centre() - map_.keyframes[0].T_kw.centre()).norm());
+  for (const Keyframe& keyframe : map_.keyframes())
+    baseline = std::max(baseline, (keyframe.T_kw.centre() - map_.keyframes()[0].T_kw.centre()).norm());
   if (!(baseline > 1e-6f) || !R.allFinite()) co_return;
   Similarity S;
   S.T = SE3(R, -(R * origin)) * T_1w;
@@ -321,43 +326,40 @@ Task Mapper::align_to_dominant_plane(bool* good) {
   map_.apply(S);
   // Patches on the plane get its normal; it is known much better now than from the homography.
   for (int m = 0; m < count; ++m) {
-    MapPoint& point = map_.points[indices[m]];
+    const MapPoint& point = map_.points()[indices[m]];
     if (std::abs(point.p_w.z()) < threshold * S.scale)
-      point.source.normal = map_.keyframes[point.source.keyframe].T_kw.R.col(2);
+      map_.set_normal(indices[m], map_.keyframes()[point.source.keyframe].T_kw.R.col(2));
   }
-  meter_.charge(Work::kOther, 60LL * map_.points.size() + 500LL * map_.keyframes.size());
+  meter_.charge(Work::kOther, 60LL * map_.points().size() + 500LL * map_.keyframes().size());
   *good = true;
 }
 
-bool Mapper::predict_in_keyframe(int keyframe, const Vector3f& p_w, Vector2f* px, SE3* T_line) const {
-  const Keyframe& k = map_.keyframes[keyframe];
-  *T_line = k.T_kw;
-  if (!config_.camera.project(k.T_kw * p_w, px)) return false;
-  if (config_.shutter.line_time_s != 0) {
+bool Mapper::predict_in_keyframe(int keyframe, const Vector3f& p_w, PredictedPoint* predicted) const {
+  const Keyframe& k = map_.keyframes()[keyframe];
+  predicted->T_cw = k.T_kw;
+  if (!config_.camera.project(k.T_kw * p_w, &predicted->px)) return false;
+  if (config_.camera.shutter.line_time_s != 0) {
     for (int pass = 0; pass < 2; ++pass) {
-      *T_line = SE3::exp(k.velocity * config_.shutter.dt_s(*px, config_.camera.width, config_.camera.height)) * k.T_kw;
-      if (!config_.camera.project(*T_line * p_w, px)) return false;
+      predicted->T_cw = SE3::exp(k.velocity * config_.camera.dt_s(predicted->px)) * k.T_kw;
+      if (!config_.camera.project(predicted->T_cw * p_w, &predicted->px)) return false;
     }
   }
-  return config_.camera.in_image(*px, kImageBorder_px);
+  return config_.camera.in_image(predicted->px, kImageBorder_px);
 }
 
 Task Mapper::insert_keyframe() {
-  KeyframeCandidate& candidate = map_.queue[0];
-  const int keyframe = map_.add_keyframe(candidate);
+  KeyframeCandidate& candidate = map_.queue().front();
+  const int keyframe = map_.add_keyframe(candidate.frame);
   if (keyframe < 0) {
-    map_.pop_queue();
+    map_.queue().pop();
     co_return;
   }
-  for (const KeyframeMeasurement& m : candidate.measurements) {
-    MapPoint& point = map_.points[m.point];
-    if (point.id != m.point_id) continue;
-    point.measurements.push_back({m.px, m.sigma, static_cast<int16_t>(keyframe)});
-  }
+  for (const KeyframeMeasurement& m : candidate.measurements)
+    if (map_.points()[m.point].id == m.point_id) map_.add_measurement(m.point, {m.at, static_cast<int16_t>(keyframe)});
   meter_.charge(Work::kOther, 60LL * candidate.measurements.size());
-  map_.pop_queue();
+  map_.queue().pop();
   if (map_.live_count() > config_.max_keyframes) co_await make_room();
-  if (!map_.keyframes[keyframe].live()) co_return;
+  if (!map_.keyframes()[keyframe].live()) co_return;
   co_await cull_surplus_measurements();
   newest_ = keyframe;
   co_await measure_remaining_points(keyframe);
@@ -373,23 +375,23 @@ Task Mapper::make_room() {
   co_await culler_.choose();
   int gone = culler_.chosen();
   if (gone >= 0) {
-    map_.limits_hit &= ~static_cast<uint32_t>(kLimitKeyframes);
+    map_.set_full(false);
     co_await culler_.erase(gone);
     co_await culler_.forget_surplus();
     co_return;
   }
-  map_.limits_hit |= kLimitKeyframes;
-  for (int k = 0; k < map_.keyframes.size(); ++k)
-    if (map_.keyframes[k].live() && (gone < 0 || map_.keyframes[k].id > map_.keyframes[gone].id)) gone = k;
+  map_.set_full(true);
+  for (int k = 0; k < map_.keyframes().size(); ++k)
+    if (map_.keyframes()[k].live() && (gone < 0 || map_.keyframes()[k].id > map_.keyframes()[gone].id)) gone = k;
   map_.erase_keyframe(gone);
   map_.forget_keyframe(gone);
-  meter_.charge(Work::kOther, 50LL * map_.points.size());
+  meter_.charge(Work::kOther, 50LL * map_.points().size());
 }
 
 // A new keyframe's measurements are taken over before it is known whether the keyframe stays.
 Task Mapper::cull_surplus_measurements() {
-  for (MapPoint& point : map_.points) {
-    cull_measurements(map_, config_.camera, point, meter_);
+  for (int i = 0; i < map_.points().size(); ++i) {
+    cull_measurements(map_, i, config_.camera, meter_);
     meter_.charge(Work::kOther, 30);
     co_await slice();
   }
@@ -400,25 +402,23 @@ Task Mapper::measure_remaining_points(int keyframe) {
   SearchOptions options;
   options.radius_px = 3;
   options.max_relative_zmssd = 0.3f;
-  for (int i = 0; i < map_.points.size(); ++i) {
-    MapPoint& point = map_.points[i];
+  for (int i = 0; i < map_.points().size(); ++i) {
+    const MapPoint& point = map_.points()[i];
     if (point.id == 0) continue;
     co_await slice();
-    bool measured = false;
-    for (const Measurement& m : point.measurements) measured |= m.keyframe == keyframe;
+    const bool measured = map_.measured_in(point, keyframe);
     meter_.charge(Work::kOther, 100);
     if (measured) continue;
-    Vector2f px;
-    SE3 T_line;
+    PredictedPoint predicted;
     meter_.charge(Work::kOther, kPredictionInstructions);
-    if (!predict_in_keyframe(keyframe, point.p_w, &px, &T_line)) continue;
-    FoundPatch found;
-    const SearchOutcome outcome = find_point(map_, config_.camera, point.source, point.p_w, T_line,
-                                             map_.keyframes[keyframe].pyramid, px, options, meter_, &found);
-    if (outcome != SearchOutcome::kNotVisible) point.count_search(outcome == SearchOutcome::kFound);
+    if (!predict_in_keyframe(keyframe, point.p_w, &predicted)) continue;
+    ImagePoint found;
+    const SearchOutcome outcome =
+        finder_.find(point.source, point.p_w, predicted, map_.keyframes()[keyframe].pyramid, options, &found);
+    if (outcome != SearchOutcome::kNotVisible) map_.count_search(i, outcome == SearchOutcome::kFound);
     if (outcome == SearchOutcome::kFound) {
-      point.measurements.push_back({found.px, found.sigma, static_cast<int16_t>(keyframe)});
-      cull_measurements(map_, config_.camera, point, meter_);
+      map_.add_measurement(i, {found, static_cast<int16_t>(keyframe)});
+      cull_measurements(map_, i, config_.camera, meter_);
     }
   }
 }
@@ -427,101 +427,87 @@ Task Mapper::measure_remaining_points(int keyframe) {
 // the filter knew was good for finding them only [phone 5.2]. One whose keyframe has been erased is measured in the
 // live keyframe nearest to that as well: it needs two.
 Task Mapper::promote_partial_points(int keyframe) {
-  for (PartialPoint& partial : map_.partial_points) {
+  for (int i = 0; i < map_.partial_points().size(); ++i) {
+    const PartialPoint& partial = map_.partial_points()[i];
     if (partial.id == 0 || partial.source.keyframe == keyframe) continue;
     co_await slice();
     if (partial.id == 0) continue;  // the tracker may have dropped it meanwhile
-    const Keyframe& source = map_.keyframes[partial.source.keyframe];
-    const Keyframe& target = map_.keyframes[keyframe];
+    const Keyframe& source = map_.keyframes()[partial.source.keyframe];
+    const Keyframe& target = map_.keyframes()[keyframe];
     const SE3 T_ws = source.T_kw.inverse();
     Vector3f p_w = T_ws * Vector3f(partial.ray / partial.inverse_depth);
-    Vector2f px;
-    SE3 T_line;
+    PredictedPoint predicted;
     meter_.charge(Work::kOther, 2 * kPredictionInstructions);
-    if (!predict_in_keyframe(keyframe, p_w, &px, &T_line)) continue;
+    if (!predict_in_keyframe(keyframe, p_w, &predicted)) continue;
     // Along the epipolar line as far as two sigma of the depth reach, from either side.
     const float sigma_q = partial.information > 0 ? 1.0f / std::sqrt(partial.information) : partial.inverse_depth;
-    Vector2f px_moved;
-    SE3 T_unused;
+    PredictedPoint further;
     SearchOptions options;
     options.radius_px = 4;
-    if (predict_in_keyframe(keyframe, T_ws * Vector3f(partial.ray / (partial.inverse_depth + sigma_q)), &px_moved,
-                            &T_unused))
-      options.radius_px = std::clamp(2.0f + (px_moved - px).norm(), 3.0f, 8.0f);
-    FoundPatch found;
-    const SearchOutcome outcome =
-        find_point(map_, config_.camera, partial.source, p_w, T_line, target.pyramid, px, options, meter_, &found);
+    if (predict_in_keyframe(keyframe, T_ws * Vector3f(partial.ray / (partial.inverse_depth + sigma_q)), &further))
+      options.radius_px = std::clamp(2.0f + (further.px - predicted.px).norm(), 3.0f, 8.0f);
+    ImagePoint found;
+    const SearchOutcome outcome = finder_.find(partial.source, p_w, predicted, target.pyramid, options, &found);
     if (outcome == SearchOutcome::kNotVisible) continue;
-    ++partial.attempts;
+    map_.count_partial_search(i, outcome == SearchOutcome::kFound);
     if (outcome == SearchOutcome::kNotFound) continue;
-    ++partial.found;
     meter_.charge(Work::kOther, kTriangulationInstructions);
-    const Vector2f px_source =
-        global_shutter_px(config_.camera, config_.shutter, source.velocity, source.T_kw * p_w, partial.source.px);
-    const Vector2f px_target =
-        global_shutter_px(config_.camera, config_.shutter, target.velocity, target.T_kw * p_w, found.px);
+    const Vector2f px_source = config_.camera.global_shutter_px(source.velocity, source.T_kw * p_w, partial.source.px);
+    const Vector2f px_target = config_.camera.global_shutter_px(target.velocity, target.T_kw * p_w, found.px);
     const SE3 T_ts = target.T_kw * T_ws;
     Triangulated triangulated;
     if (!triangulate(T_ts, config_.camera.unproject(px_source), config_.camera.unproject(px_target), kMinParallax_rad,
                      &triangulated))
       continue;
     const float relative_sigma =
-        triangulated.sigma_inverse_depth * triangulated.p_1.z() * kMeasurementNoise_px / config_.camera.fx;
+        triangulated.sigma_inverse_depth * triangulated.p_1.z() * kMeasurementNoise_px / config_.camera.model.fx;
     if (!(relative_sigma < kMaxRelativeDepthSigma)) continue;
     Vector2f check_source, check_target;
     if (!config_.camera.project(triangulated.p_1, &check_source) ||
         !config_.camera.project(T_ts * triangulated.p_1, &check_target) ||
         (check_source - px_source).norm() > kMaxPromotionError_px ||
         (check_target - px_target).norm() > kMaxPromotionError_px) {
-      ++partial.attempts;  // off the epipolar line: another patch
+      map_.count_partial_search(i, false);  // off the epipolar line: another patch
       continue;
     }
     p_w = T_ws * triangulated.p_1;
-    Measurement first{partial.source.px, 2.0f, partial.source.keyframe};
+    Measurement first{{partial.source.px, kCornerLevel}, partial.source.keyframe};
     if (!source.live()) {
       first.keyframe = static_cast<int16_t>(map_.nearest_live(partial.source.keyframe, keyframe));
-      FoundPatch again;
       options.radius_px = 4;
-      if (!predict_in_keyframe(first.keyframe, p_w, &px, &T_line) ||
-          find_point(map_, config_.camera, partial.source, p_w, T_line, map_.keyframes[first.keyframe].pyramid, px,
-                     options, meter_, &again) != SearchOutcome::kFound ||
-          (again.px - px).norm() > kMaxPromotionError_px) {
-        ++partial.attempts;
+      if (!predict_in_keyframe(first.keyframe, p_w, &predicted) ||
+          finder_.find(partial.source, p_w, predicted, map_.keyframes()[first.keyframe].pyramid, options, &first.at) !=
+              SearchOutcome::kFound ||
+          (first.at.px - predicted.px).norm() > kMaxPromotionError_px) {
+        map_.count_partial_search(i, false);
         continue;
       }
-      first.px = again.px;
-      first.sigma = again.sigma;
     }
-    const int index = map_.add_point();
-    if (index < 0) co_return;
-    MapPoint& point = map_.points[index];
-    point.p_w = p_w;
-    point.source = partial.source;
-    point.measurements.push_back(first);
-    point.measurements.push_back({found.px, found.sigma, static_cast<int16_t>(keyframe)});
-    partial = PartialPoint();
+    const int point = map_.add_point(p_w, partial.source);
+    if (point < 0) co_return;
+    map_.add_measurement(point, first);
+    map_.add_measurement(point, {found, static_cast<int16_t>(keyframe)});
+    map_.remove_partial_point(i);
   }
 }
 
 // Up to max_new_partial_points corners of the keyframe, far enough from what is there [phone 5.2].
 Task Mapper::add_partial_points(int keyframe) {
-  const Keyframe& frame = map_.keyframes[keyframe];
+  const Keyframe& frame = map_.keyframes()[keyframe];
   occupied_.clear();
-  for (const MapPoint& point : map_.points) {
+  for (const MapPoint& point : map_.points()) {
     if (point.id == 0) continue;
-    Vector2f px;
-    SE3 T_line;
-    if (predict_in_keyframe(keyframe, point.p_w, &px, &T_line)) occupied_.push_back(px);
+    PredictedPoint predicted;
+    if (predict_in_keyframe(keyframe, point.p_w, &predicted)) occupied_.push_back(predicted.px);
     meter_.charge(Work::kOther, kPredictionInstructions);
     co_await slice();
   }
-  for (const PartialPoint& partial : map_.partial_points) {
+  for (const PartialPoint& partial : map_.partial_points()) {
     if (partial.id == 0) continue;
-    const SE3 T_ws = map_.keyframes[partial.source.keyframe].T_kw.inverse();
-    Vector2f px;
-    SE3 T_line;
-    if (predict_in_keyframe(keyframe, T_ws * Vector3f(partial.ray / partial.inverse_depth), &px, &T_line))
-      occupied_.push_back(px);
+    const SE3 T_ws = map_.keyframes()[partial.source.keyframe].T_kw.inverse();
+    PredictedPoint predicted;
+    if (predict_in_keyframe(keyframe, T_ws * Vector3f(partial.ray / partial.inverse_depth), &predicted))
+      occupied_.push_back(predicted.px);
     meter_.charge(Work::kOther, kPredictionInstructions);
     co_await slice();
   }
@@ -543,16 +529,10 @@ Task Mapper::add_partial_points(int keyframe) {
       free = free && (other - px).squaredNorm() > kMinCornerDistance_px * kMinCornerDistance_px;
     meter_.charge(Work::kOther, 6LL * occupied_.size());
     if (!free) continue;
-    const int index = map_.add_partial_point();
-    if (index < 0) co_return;
-    PartialPoint& partial = map_.partial_points[index];
-    const Vector2f ray = config_.camera.unproject(px);
-    partial.ray = {ray.x(), ray.y(), 1.0f};
-    partial.source.keyframe = static_cast<int16_t>(keyframe);
-    partial.source.px = px;
-    partial.source.normal = -partial.ray.normalized();
-    partial.inverse_depth = 1.0f / frame.mean_depth;
-    partial.information = 0;
+    const Vector2f normalised = config_.camera.unproject(px);
+    const Vector3f ray(normalised.x(), normalised.y(), 1.0f);
+    const PatchSource source{static_cast<int16_t>(keyframe), px, -ray.normalized()};
+    if (map_.add_partial_point(source, ray, 1.0f / frame.mean_depth) < 0) co_return;
     occupied_.push_back(px);
     ++added;
   }
@@ -560,18 +540,19 @@ Task Mapper::add_partial_points(int keyframe) {
 
 // Camera velocities during the keyframes' readout, against the present map [phone 6].
 Task Mapper::update_velocities() {
-  if (config_.shutter.line_time_s == 0) co_return;
-  for (int k = 0; k < map_.keyframes.size(); ++k) {
-    Keyframe& keyframe = map_.keyframes[k];
+  if (config_.camera.shutter.line_time_s == 0) co_return;
+  for (int k = 0; k < map_.keyframes().size(); ++k) {
+    const Keyframe& keyframe = map_.keyframes()[k];
     if (!keyframe.live()) continue;
     co_await gather_pose_points(k, pose_points_.capacity());
     VelocityPrior prior;
     prior.mean = keyframe.velocity_prior;
     prior.sigma_translation = kVelocitySigmaTranslation * keyframe.mean_depth;
     prior.sigma_rotation = kVelocitySigmaRotation;
-    pose_.start(config_.camera, config_.shutter, keyframe.T_kw, prior, pose_points_, kRobustSigmaFloor, meter_);
+    const PosePoints points(config_.camera, pose_points_);
+    pose_.start(keyframe.T_kw, prior, points);
     while (!pose_.advance()) co_await slice();
-    if (pose_.result().ok) keyframe.velocity = pose_.result().velocity;
+    if (pose_.result().ok) map_.set_velocity(k, pose_.result().velocity);
     co_await slice();
   }
 }
@@ -579,27 +560,28 @@ Task Mapper::update_velocities() {
 // Points that are expected to be seen and are not found. One that only two keyframes have measured is on trial: a wrong
 // match that happened to lie on the epipolar line is found nowhere else.
 Task Mapper::discard_unreliable_points() {
-  for (int i = 0; i < map_.points.size(); ++i) {
-    const MapPoint& point = map_.points[i];
+  for (int i = 0; i < map_.points().size(); ++i) {
+    const MapPoint& point = map_.points()[i];
     const int enough = point.measurements.size() > 2 ? kMinAttempts : kMinAttemptsOfTwo;
     if (point.id != 0 && point.attempts >= enough &&
         static_cast<float>(point.found) < kMinReliability * static_cast<float>(point.attempts))
       map_.remove_point(i);
   }
-  meter_.charge(Work::kOther, 10LL * map_.points.size());
+  meter_.charge(Work::kOther, 10LL * map_.points().size());
   co_await slice();
 }
 
 // Every point and its neighbours, in turn: what is one point becomes one, and the patch lies as they do.
 Task Mapper::tidy_points() {
-  for (; tidy_left_ > 0 && map_.queued == 0; --tidy_left_) {
+  for (; tidy_left_ > 0 && map_.queue().waiting() == 0; --tidy_left_) {
     const int i = tidy_next_;
-    tidy_next_ = (tidy_next_ + 1) % map_.points.size();
-    MapPoint& point = map_.points[i];
+    tidy_next_ = (tidy_next_ + 1) % map_.points().size();
+    const MapPoint& point = map_.points()[i];
     if (point.id == 0) continue;
     const Neighbours neighbours = find_neighbours(map_, i);
-    meter_.charge(Work::kOther, 12LL * map_.points.size() + 5000);
-    fit_patch_normal(map_, neighbours, &point.source.normal);
+    meter_.charge(Work::kOther, 12LL * map_.points().size() + 5000);
+    Vector3f normal_k;
+    if (fit_patch_normal(map_, neighbours, &normal_k)) map_.set_normal(i, normal_k);
     for (int n = 1; n < neighbours.size() && point.id != 0; ++n) merge_if_same(i, neighbours[n]);
     meter_.charge(Work::kOther, 400LL * neighbours.size());
     co_await slice();
@@ -608,18 +590,15 @@ Task Mapper::tidy_points() {
 
 // If they are the same physical point the one measured more often takes over the other's measurements.
 void Mapper::merge_if_same(int a, int b) {
-  const bool a_stays = map_.points[a].measurements.size() >= map_.points[b].measurements.size();
-  MapPoint& stays = map_.points[a_stays ? a : b];
-  MapPoint& goes = map_.points[a_stays ? b : a];
-  if (!explains(map_, config_, stays, goes)) return;
-  for (const Measurement& m : goes.measurements) {
-    bool measured = false;
-    for (const Measurement& other : stays.measurements) measured |= other.keyframe == m.keyframe;
-    if (measured) continue;
-    stays.measurements.push_back(m);
-    cull_measurements(map_, config_.camera, stays, meter_);
+  const bool a_stays = map_.points()[a].measurements.size() >= map_.points()[b].measurements.size();
+  const int stays = a_stays ? a : b, goes = a_stays ? b : a;
+  if (!explains(map_, config_.camera, map_.points()[stays], map_.points()[goes])) return;
+  for (const Measurement& m : map_.measurements(map_.points()[goes])) {
+    if (map_.measured_in(map_.points()[stays], m.keyframe)) continue;
+    map_.add_measurement(stays, m);
+    cull_measurements(map_, stays, config_.camera, meter_);
   }
-  map_.remove_point(a_stays ? b : a);
+  map_.remove_point(goes);
 }
 
 }  // namespace pptam

@@ -7,9 +7,10 @@
 //   where there are too many keyframes one goes, or the newcomer if none can.
 #pragma once
 
-#include "geometry/pose_update.h"
+#include "camera/pose_update.h"
 #include "image/corners.h"
 #include "map/map.h"
+#include "map/patch_search.h"
 #include "mapping/bundle_adjustment.h"
 #include "mapping/culling.h"
 #include "scheduler/task.h"
@@ -41,13 +42,14 @@ class Mapper : public Background {
   Task gather_pose_points(int keyframe, int most);
   Task align_to_dominant_plane(bool* good);
   // Where the point appears in the keyframe, rolling shutter included.
-  bool predict_in_keyframe(int keyframe, const Vector3f& p_w, Vector2f* px, SE3* T_line) const;
+  bool predict_in_keyframe(int keyframe, const Vector3f& p_w, PredictedPoint* predicted) const;
 
   const Config& config_;
   Map& map_;
   BundleAdjuster bundle_;
   KeyframeCuller culler_;
   CornerDetector corner_detector_;
+  PatchFinder finder_;
   FixedVector<PosePoint> pose_points_;
   PoseUpdater pose_;
   FixedVector<Vector2f> occupied_;  // level-0 pixels of a keyframe that already have a point

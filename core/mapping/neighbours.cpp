@@ -4,8 +4,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "geometry/pose_update.h"
-
 namespace pptam {
 
 namespace {
@@ -21,16 +19,16 @@ constexpr float kMinCosSlant = 0.4f;  // between viewing ray and normal: 66 degr
 }  // namespace
 
 Neighbours find_neighbours(const Map& map, int point) {
-  const MapPoint& middle = map.points[point];
-  const Vector3f from_camera = middle.p_w - map.keyframes[middle.source.keyframe].T_kw.centre();
+  const MapPoint& middle = map.points()[point];
+  const Vector3f from_camera = middle.p_w - map.keyframes()[middle.source.keyframe].T_kw.centre();
   const float reach_sq = kReach * kReach * from_camera.squaredNorm();
   Neighbours near;
   float distance_sq[kNeighbours];
   near.push_back(point);
   distance_sq[0] = -1;
-  for (int i = 0; i < map.points.size(); ++i) {
-    if (map.points[i].id == 0 || i == point) continue;
-    const float d_sq = (map.points[i].p_w - middle.p_w).squaredNorm();
+  for (int i = 0; i < map.points().size(); ++i) {
+    if (map.points()[i].id == 0 || i == point) continue;
+    const float d_sq = (map.points()[i].p_w - middle.p_w).squaredNorm();
     if (d_sq > reach_sq || (near.full() && d_sq >= distance_sq[kNeighbours - 1])) continue;
     if (!near.full()) near.push_back(i);
     int at = near.size() - 1;
@@ -48,16 +46,16 @@ bool fit_patch_normal(const Map& map, const Neighbours& neighbours, Vector3f* no
   if (neighbours.size() < kFewestOnPlane) return false;
   const float share = 1.0f / static_cast<float>(neighbours.size());
   Vector3f mean = Vector3f::Zero();
-  for (const int i : neighbours) mean += share * map.points[i].p_w;
+  for (const int i : neighbours) mean += share * map.points()[i].p_w;
   Matrix3f scatter = Matrix3f::Zero();
   for (const int i : neighbours) {
-    const Vector3f d = map.points[i].p_w - mean;
+    const Vector3f d = map.points()[i].p_w - mean;
     scatter += share * d * d.transpose();
   }
   const Eigen::SelfAdjointEigenSolver<Matrix3f> solver(scatter);
   if (solver.info() != Eigen::Success) return false;
-  const MapPoint& point = map.points[neighbours[0]];
-  const SE3& T_kw = map.keyframes[point.source.keyframe].T_kw;
+  const MapPoint& point = map.points()[neighbours[0]];
+  const SE3& T_kw = map.keyframes()[point.source.keyframe].T_kw;
   const Vector3f p_k = T_kw * point.p_w;
   const float distance = p_k.norm();
   const float off_plane = std::sqrt(std::max(solver.eigenvalues()[0], 0.0f));
@@ -71,13 +69,12 @@ bool fit_patch_normal(const Map& map, const Neighbours& neighbours, Vector3f* no
   return true;
 }
 
-bool explains(const Map& map, const Config& config, const MapPoint& point, const MapPoint& other) {
-  for (const Measurement& m : other.measurements) {
-    const Keyframe& keyframe = map.keyframes[m.keyframe];
-    Vector2f px;
-    SE3 T_line;
-    if (!project_rolling(config.camera, config.shutter, keyframe.T_kw, keyframe.velocity, point.p_w, &px, &T_line) ||
-        !((px - m.px).squaredNorm() < m.sigma * m.sigma))
+bool explains(const Map& map, const Camera& camera, const MapPoint& point, const MapPoint& other) {
+  for (const Measurement& m : map.measurements(other)) {
+    const Keyframe& keyframe = map.keyframes()[m.keyframe];
+    PredictedPoint seen;
+    if (!camera.project_rolling(keyframe.T_kw, keyframe.velocity, point.p_w, &seen) ||
+        !((seen.px - m.at.px).squaredNorm() < m.at.sigma() * m.at.sigma()))
       return false;
   }
   return true;

@@ -8,7 +8,6 @@
 // instructions for each point of the map to find the neighbours of one, some 5000 for their plane (estimates).
 #pragma once
 
-#include "geometry/camera_model.h"
 #include "map/map.h"
 
 namespace pptam {
@@ -27,6 +26,6 @@ Neighbours find_neighbours(const Map& map, int point);
 bool fit_patch_normal(const Map& map, const Neighbours& neighbours, Vector3f* normal_k);
 
 // Does the position of `point` explain all that was measured of `other`, each to within one sigma?
-bool explains(const Map& map, const Config& config, const MapPoint& point, const MapPoint& other);
+bool explains(const Map& map, const Camera& camera, const MapPoint& point, const MapPoint& other);
 
 }  // namespace pptam

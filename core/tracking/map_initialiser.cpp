@@ -22,7 +22,9 @@ constexpr float kMinFoundFraction = 0.3f;  // of the points expected in the imag
 constexpr int kMinInliers = 14;
 constexpr int kMaxBadFrames = 5;
 constexpr int kFitIterations = 10;
-constexpr float kSigma_px = 2.0f;  // a measurement's expected standard deviation at L1, before sub-pixel refinement
+// All measurements count as of this level, those of blurred frames too: stage 2 compares costs in one unit.
+constexpr uint8_t kLevel = 1;
+constexpr float kSigma_px = 2.0f;  // their expected standard deviation, before sub-pixel refinement
 // A measurement's noise, level-0 px, for judging how well a decomposition is constrained. Measured against the truth in
 // 2200 frames of 40 emulated starts on planes: the normal's error was 0.42 (median) and 1.5 (99 %) times what sigma_n
 // says for 1 px, which is 0.36 to 0.5 px for the Rayleigh distribution. Most of it is tremor within the readout.
@@ -98,10 +100,11 @@ Matrix3f log_near_identity(const Matrix3f& M) {
 MapInitialiser::MapInitialiser(Arena& arena, const Config& config, WorkMeter& meter)
     : config_(config),
       meter_(meter),
-      corner_detector_(arena, config.camera.width, config.camera.height),
+      corner_detector_(arena, config.camera.model.width, config.camera.model.height),
       corners_(arena, config.max_initial_points),
       points_(arena, config.max_initial_points),
-      pose_points_(arena, config.max_initial_points),
+      pose_points_(arena, kMaxPosePoints),
+      pose_(arena, kMaxPosePoints, config.camera.shutter.line_time_s != 0, meter),
       squared_(arena, config.max_initial_points),
       correspondences_(arena, config.max_initial_points),
       inlier_rays_(arena, config.max_initial_points),
@@ -109,10 +112,7 @@ MapInitialiser::MapInitialiser(Arena& arena, const Config& config, WorkMeter& me
   for (View& view : views_) {
     for (FixedVector<ViewPoint>* points : {&view.points, &view.before.points, &view.after.points})
       *points = FixedVector<ViewPoint>(arena, config.max_initial_points);
-    view.storage = PyramidStorage(arena, config.camera.width, config.camera.height, 0);
-    const int width = config.camera.width >> (kPyramidLevels - 1);
-    const int height = config.camera.height >> (kPyramidLevels - 1);
-    view.small = {arena.allocate_array<uint8_t>(static_cast<size_t>(width) * height), width, height, width};
+    view.frame = Keyframe(arena, config.camera.model);
   }
   last_.points = FixedVector<ViewPoint>(arena, config.max_initial_points);
   for (Hypothesis& hypothesis : hypotheses_) hypothesis.p_1 = FixedVector<Vector3f>(arena, config.max_initial_points);
@@ -131,19 +131,19 @@ void MapInitialiser::note_neighbour(int64_t timestamp_ns, Neighbour& neighbour) 
 }
 
 void MapInitialiser::store_view(const Pyramid& pyramid, const GreyView& small, int64_t timestamp_ns, View& view) {
-  view.timestamp_ns = timestamp_ns;
-  view.pyramid = copy_pyramid(pyramid, view.storage);
-  for (int y = 0; y < small.height; ++y) std::copy_n(small.row(y), small.width, view.small.row(y));
+  view.frame.timestamp_ns = timestamp_ns;
+  view.frame.set_images(pyramid, small);
   note_points(view.points);
   std::swap(view.before, last_);
   view.after.known = false;
-  meter_.charge(Work::kKeyframePixel, static_cast<int64_t>(config_.camera.width) * config_.camera.height * 4 / 3);
+  meter_.charge(Work::kKeyframePixel,
+                static_cast<int64_t>(config_.camera.model.width) * config_.camera.model.height * 4 / 3);
 }
 
 // Every view_stride_-th frame; when the places run out every second view goes and the stride doubles, so that the views
 // stay spread over the whole way. The last one always finds a place.
 void MapInitialiser::record_view(const Pyramid& pyramid, const GreyView& small, int64_t timestamp_ns, bool last) {
-  if (views_[view_count_ - 1].timestamp_ns == timestamp_ns) return;
+  if (views_[view_count_ - 1].frame.timestamp_ns == timestamp_ns) return;
   ++frames_since_view_;
   if (!last && frames_since_view_ < view_stride_) return;
   const int places =
@@ -168,12 +168,10 @@ void MapInitialiser::reset() {
 
 Hint MapInitialiser::start(const Pyramid& pyramid, const GreyView& small, int64_t timestamp_ns,
                            const Vector3f& rotation_rate) {
-  const CameraModel& camera = config_.camera;
-  const float readout_s =
-      std::abs(config_.shutter.line_time_s) *
-      static_cast<float>(config_.shutter.axis == RollingShutter::Axis::kColumns ? camera.width : camera.height);
+  const Camera& camera = config_.camera;
   const float speed = rotation_rate.norm();
-  if (speed > kMaxStartSpeed || speed * camera.fx * (readout_s + config_.exposure_s) > kMaxStartMotion_px)
+  if (speed > kMaxStartSpeed ||
+      speed * camera.model.fx * (camera.readout_s() + config_.exposure_s) > kMaxStartMotion_px)
     return Hint::kHoldStill;
   corners_.resize(corners_.capacity());
   const int count = corner_detector_.detect(pyramid, CornerParams(), corners_);
@@ -219,7 +217,7 @@ Hint MapInitialiser::start(const Pyramid& pyramid, const GreyView& small, int64_
 // Where a global shutter would have seen the normalised point of pixel px, in an image that moves at `rate`.
 Vector2f MapInitialiser::corrected(const Vector2f& px, const Matrix3f& rate) const {
   const Vector2f x = config_.camera.unproject(px);
-  const float dt_s = config_.shutter.dt_s(px, config_.camera.width, config_.camera.height);
+  const float dt_s = config_.camera.dt_s(px);
   if (dt_s == 0) return x;
   return apply_homography(Matrix3f::Identity() - dt_s * rate, x);
 }
@@ -242,7 +240,7 @@ void MapInitialiser::search_points(const Pyramid& pyramid, const Matrix3f& H_pre
     Vector2f px;
     Matrix23f J;
     if (!config_.camera.project({x.x(), x.y(), 1.0f}, &px, &J)) continue;
-    const float dt_s = config_.shutter.dt_s(px, config_.camera.width, config_.camera.height);
+    const float dt_s = config_.camera.dt_s(px);
     if (dt_s != 0) {
       const Vector2f moved = apply_homography(Matrix3f::Identity() + dt_s * rate, x);
       px += J.leftCols<2>() * (moved - x);
@@ -251,8 +249,8 @@ void MapInitialiser::search_points(const Pyramid& pyramid, const Matrix3f& H_pre
     const Matrix2f A = J.leftCols<2>() * homography_point_jacobian(H_predicted, point.x_1) * point.J_1.inverse();
     PatchTemplate patch;
     meter_.charge(Work::kPatchWarp, 1);
-    if (!warp_template(views_[0].pyramid, point.px_1, A, options.level, &patch)) continue;
-    FoundPatch found;
+    if (!warp_template(views_[0].frame.pyramid, point.px_1, A, options.level, &patch)) continue;
+    ImagePoint found;
     const SearchOutcome outcome = find_template(pyramid, patch, px, options, meter_, &found);
     if (outcome == SearchOutcome::kNotVisible) continue;
     ++attempted_;
@@ -277,7 +275,7 @@ void MapInitialiser::search_points(const Pyramid& pyramid, const Matrix3f& H_pre
 bool MapInitialiser::fit_homography(const Matrix3f& H_predicted) {
   using Matrix8f = Eigen::Matrix<float, 8, 8>;
   Matrix3f H = H_predicted;
-  const float scale = config_.camera.fx / kSigma_px;
+  const float scale = config_.camera.model.fx / kSigma_px;
   for (int iteration = 0; iteration < kFitIterations; ++iteration) {
     squared_.clear();
     for (const Point& point : points_)
@@ -328,7 +326,7 @@ MapInitialiser::Progress MapInitialiser::track(const Pyramid& pyramid, const Gre
   const Matrix3f motion = (Matrix3f::Identity() + dt_s * parallax_rate_) * R_cp;
   const Matrix3f H_predicted = motion * H_;
   const Matrix3f predicted_rate = log_near_identity(motion) / dt_s;
-  const float blur_px = so3_log(R_cp).norm() / dt_s * config_.exposure_s * config_.camera.fx;
+  const float blur_px = so3_log(R_cp).norm() / dt_s * config_.exposure_s * config_.camera.model.fx;
   SearchOptions options;
   options.level = blur_px > kBlurLimit_px ? 2 : 1;
   options.radius_px = bad_frames_ > 0 || frames_ < 2 ? kWideRadius_px : kRadius_px;
@@ -371,7 +369,7 @@ MapInitialiser::Progress MapInitialiser::track(const Pyramid& pyramid, const Gre
   bad_frames_ = 0;
   ++frames_;
   View& newest = views_[view_count_ - 1];
-  if (last_.known && newest.timestamp_ns == last_.timestamp_ns) note_neighbour(timestamp_ns, newest.after);
+  if (last_.known && newest.frame.timestamp_ns == last_.timestamp_ns) note_neighbour(timestamp_ns, newest.after);
   // A blurred view makes a poor keyframe.
   const bool sharp = blur_px < 0.5f * kBlurLimit_px;
   if (sharp) record_view(pyramid, small, timestamp_ns, false);
@@ -430,7 +428,7 @@ void MapInitialiser::renew_first_view(const Pyramid& pyramid, const GreyView& sm
 float MapInitialiser::planar_margin(const Decomposition& decomposition) {
   float worst_sigma_n = 0, shortest = 1e9f;
   for (int i = 0; i < decomposition.count; ++i) {
-    const float sigma = std::max(sigma_px_, kDecompositionNoise_px) / config_.camera.fx;
+    const float sigma = std::max(sigma_px_, kDecompositionNoise_px) / config_.camera.model.fx;
     const DecompositionQuality quality = decomposition_quality(decomposition.solutions[i], inlier_rays_, sigma);
     worst_sigma_n = std::max(worst_sigma_n, quality.sigma_n_rad);
     shortest = std::min(shortest, decomposition.solutions[i].T_21.t.norm());
@@ -446,7 +444,7 @@ float MapInitialiser::general_margin(const Decomposition& decomposition) {
   for (const Point& point : points_)
     if (point.found) correspondences_.push_back({point.x_1, point.x_2});
   squared_.resize(squared_.capacity());
-  const float floor = kEpipolarFloor_px / config_.camera.fx;
+  const float floor = kEpipolarFloor_px / config_.camera.model.fx;
   RelativePose best;
   int spent = 0;
   const auto attempt = [&](const SE3& T_start) {
@@ -469,7 +467,7 @@ float MapInitialiser::general_margin(const Decomposition& decomposition) {
   }
   meter_.charge(Work::kHomographyPoint, spent);
   relative_ = best;
-  if (!best.ok || best.sigma > kMaxEpipolarSigma_px / config_.camera.fx) return 0;
+  if (!best.ok || best.sigma > kMaxEpipolarSigma_px / config_.camera.model.fx) return 0;
   if (next_start_ < kDirectionCount + 2) return 0;  // until all have been tried it may be a local minimum
   // How well are the depths known? Median over the points that triangulate.
   squared_.clear();
@@ -477,7 +475,7 @@ float MapInitialiser::general_margin(const Decomposition& decomposition) {
     Triangulated triangulated;
     if (!triangulate(best.T_21, c.x1, c.x2, 0, &triangulated)) continue;
     squared_.push_back(triangulated.sigma_inverse_depth * triangulated.p_1.z() * kDecompositionNoise_px /
-                       config_.camera.fx);
+                       config_.camera.model.fx);
   }
   if (squared_.size() < kMinMapPoints) return 0;
   float* middle = squared_.begin() + squared_.size() / 2;
@@ -565,9 +563,8 @@ bool MapInitialiser::track_hypotheses(float dt_s) {
     prior.mean = velocity_from_rate(H_rate_, hypothesis, hypothesis.T_c1);
     prior.sigma_translation = kPriorTranslation;
     prior.sigma_rotation = kPriorRotation;
-    const PoseUpdate update =
-        update_pose(config_.camera, config_.shutter, SE3::exp(prior.mean * dt_s) * hypothesis.T_c1, prior, pose_points_,
-                    kRobustSigmaFloor, meter_);
+    const PoseUpdate& update =
+        pose_.run(SE3::exp(prior.mean * dt_s) * hypothesis.T_c1, prior, PosePoints(config_.camera, pose_points_));
     if (!update.ok) {
       hypothesis.alive = false;
       continue;
@@ -591,8 +588,7 @@ bool MapInitialiser::track_hypotheses(float dt_s) {
       cost[k] = saturated;
       Vector2f px;
       if (!hypothesis.alive || hypothesis.p_1[i].z() <= 0) continue;
-      const SE3 T = pose_at(hypothesis.T_c1, hypothesis.velocity,
-                            config_.shutter.dt_s(point.px_2, config_.camera.width, config_.camera.height));
+      const SE3 T = pose_at(hypothesis.T_c1, hypothesis.velocity, config_.camera.dt_s(point.px_2));
       if (!config_.camera.project(T * hypothesis.p_1[i], &px)) continue;
       cost[k] = tukey_cost((point.px_2 - px).squaredNorm() / (kSigma_px * kSigma_px), frame_scale);
       explained |= cost[k] < saturated;
@@ -639,8 +635,7 @@ void MapInitialiser::gather_pose_points(const Hypothesis& hypothesis) {
     if (seen * wanted / total == (seen - 1) * wanted / total) continue;
     PosePoint point;
     point.p_w = hypothesis.p_1[i];
-    point.px = points_[i].px_2;
-    point.sigma = kSigma_px;
+    point.found = {points_[i].px_2, kLevel};
     pose_points_.push_back(point);
   }
 }
@@ -648,72 +643,71 @@ void MapInitialiser::gather_pose_points(const Hypothesis& hypothesis) {
 bool MapInitialiser::build(Map& map, SE3* T_cw, Vector6f* velocity) {
   PPTAM_ASSERT(winner_ >= 0 && !map.exists());
   const Hypothesis& hypothesis = hypotheses_[winner_];
-  for (int k = 0; k < view_count_; ++k) {
-    // The queue's first slot lends its storage: the queue is empty without a map. Images change hands, nothing is
-    // copied.
-    KeyframeCandidate& candidate = map.queue[0];
-    Keyframe& frame = candidate.frame;
-    View& view = views_[k];
-    frame.timestamp_ns = view.timestamp_ns;
-    frame.T_kw = k == 0 ? SE3() : hypothesis.T_c1;
-    frame.velocity = k + 1 < view_count_ ? Vector6f::Zero() : hypothesis.velocity;
-    frame.velocity_prior = frame.velocity;
-    frame.mean_depth = 1;
-    std::swap(frame.storage, view.storage);
-    std::swap(frame.pyramid, view.pyramid);
-    std::swap(frame.small, view.small);
-    if (map.add_keyframe(candidate) < 0) {
-      map.clear();
-      return false;
-    }
-  }
-  const Neighbour* sources[2 * kMaxInitialKeyframes];
-  map.neighbour_count = 0;
-  for (int k = 0; k < view_count_; ++k) {
-    for (const Neighbour* neighbour : {&views_[k].before, &views_[k].after}) {
-      if (!neighbour->known) continue;
-      NeighbourFrame& frame = map.neighbours[map.neighbour_count];
-      sources[map.neighbour_count++] = neighbour;
-      frame.keyframe = static_cast<int16_t>(k);
-      frame.timestamp_ns = neighbour->timestamp_ns;
-      frame.measurements.clear();
-    }
-  }
-  int count = 0;
-  float depth_sum = 0;
-  for (int i = 0; i < points_.size(); ++i) {
-    const Point& point = points_[i];
-    const Vector3f& p_1 = hypothesis.p_1[i];
-    if (p_1.z() <= 0) continue;
-    MapPoint added;
-    for (int k = 0; k < view_count_; ++k)
-      if (views_[k].points[i].found)
-        added.measurements.push_back({views_[k].points[i].px, kSigma_px, static_cast<int16_t>(k)});
-    if (added.measurements.size() < 2) continue;
-    const int index = map.add_point();
-    if (index < 0) break;
-    added.id = map.points[index].id;
-    added.p_w = p_1;
-    added.source.keyframe = 0;
-    added.source.px = point.px_1;
-    const bool on_plane = hypothesis.planar && std::abs(hypothesis.n_1.dot(p_1) - 1.0f) < 0.1f;
-    added.source.normal = on_plane ? Vector3f(-hypothesis.n_1) : Vector3f(-p_1.normalized());
-    added.attempts = added.found = 1;
-    map.points[index] = added;
-    for (int n = 0; n < map.neighbour_count; ++n)
-      if (sources[n]->points[i].found)
-        map.neighbours[n].measurements.push_back({index, added.id, sources[n]->points[i].px, kSigma_px});
-    depth_sum += p_1.z();
-    ++count;
-  }
-  if (count < kMinMapPoints) {
+  if (!add_views(hypothesis, map) || !add_points(hypothesis, map)) {
     map.clear();
     return false;
   }
-  for (Keyframe& keyframe : map.keyframes) keyframe.mean_depth = depth_sum / static_cast<float>(count);
   *T_cw = hypothesis.T_c1;
   *velocity = hypothesis.velocity;
   return true;
+}
+
+// Has the point a place, and two measurements?
+bool MapInitialiser::usable(const Hypothesis& hypothesis, int point) const {
+  int views = 0;
+  for (int k = 0; k < view_count_; ++k) views += views_[k].points[point].found;
+  return hypothesis.p_1[point].z() > 0 && views >= 2;
+}
+
+bool MapInitialiser::add_views(const Hypothesis& hypothesis, Map& map) {
+  float depth_sum = 0;
+  int count = 0;
+  for (int i = 0; i < points_.size(); ++i) {
+    if (!usable(hypothesis, i)) continue;
+    depth_sum += hypothesis.p_1[i].z();
+    ++count;
+  }
+  if (count < kMinMapPoints) return false;
+  for (int k = 0; k < view_count_; ++k) {
+    Keyframe& frame = views_[k].frame;
+    frame.T_kw = k == 0 ? SE3() : hypothesis.T_c1;
+    frame.velocity = k + 1 < view_count_ ? Vector6f::Zero() : hypothesis.velocity;
+    frame.velocity_prior = frame.velocity;
+    frame.mean_depth = depth_sum / static_cast<float>(count);
+    if (map.add_keyframe(frame) < 0) return false;
+  }
+  return true;
+}
+
+// The usable points, with what was found of them in views and in the frames next to these.
+bool MapInitialiser::add_points(const Hypothesis& hypothesis, Map& map) {
+  const Neighbour* sources[2 * kMaxInitialKeyframes];
+  int neighbours = 0;
+  for (int k = 0; k < view_count_; ++k) {
+    for (const Neighbour* neighbour : {&views_[k].before, &views_[k].after}) {
+      if (!neighbour->known) continue;
+      map.add_neighbour(k, neighbour->timestamp_ns);
+      sources[neighbours++] = neighbour;
+    }
+  }
+  int count = 0;
+  for (int i = 0; i < points_.size(); ++i) {
+    const Vector3f& p_1 = hypothesis.p_1[i];
+    if (!usable(hypothesis, i)) continue;
+    const bool on_plane = hypothesis.planar && std::abs(hypothesis.n_1.dot(p_1) - 1.0f) < 0.1f;
+    const Vector3f normal = on_plane ? Vector3f(-hypothesis.n_1) : Vector3f(-p_1.normalized());
+    const int index = map.add_point(p_1, {0, points_[i].px_1, normal});
+    if (index < 0) break;
+    for (int k = 0; k < view_count_; ++k)
+      if (views_[k].points[i].found)
+        map.add_measurement(index, {{views_[k].points[i].px, kLevel}, static_cast<int16_t>(k)});
+    map.count_search(index, true);
+    for (int n = 0; n < neighbours; ++n)
+      if (sources[n]->points[i].found)
+        map.add_neighbour_measurement(n, {index, map.points()[index].id, {sources[n]->points[i].px, kLevel}});
+    ++count;
+  }
+  return count >= kMinMapPoints;
 }
 
 }  // namespace pptam

@@ -16,8 +16,8 @@
 // about 6 million ARMv6 instructions: searches, starts and pose points of a frame are limited.
 #pragma once
 
+#include "camera/pose_update.h"
 #include "geometry/homography.h"
-#include "geometry/pose_update.h"
 #include "geometry/two_view.h"
 #include "image/corners.h"
 #include "map/map.h"
@@ -90,12 +90,9 @@ class MapInitialiser {
     FixedVector<ViewPoint> points;
   };
   struct View {  // on the way: a keyframe if the map comes about
-    int64_t timestamp_ns = 0;
+    Keyframe frame;
     FixedVector<ViewPoint> points;  // one per point
     Neighbour before, after;
-    PyramidStorage storage;
-    Pyramid pyramid;
-    GreyImage small;
   };
 
   void search_points(const Pyramid& pyramid, const Matrix3f& H_predicted, const Matrix3f& rate,
@@ -111,6 +108,9 @@ class MapInitialiser {
   Vector2f corrected(const Vector2f& px, const Matrix3f& rate) const;
   Vector6f velocity_from_rate(const Matrix3f& rate, const Hypothesis& hypothesis, const SE3& T_k1) const;
   void record_view(const Pyramid& pyramid, const GreyView& small, int64_t timestamp_ns, bool last);
+  bool usable(const Hypothesis& hypothesis, int point) const;
+  bool add_views(const Hypothesis& hypothesis, Map& map);
+  bool add_points(const Hypothesis& hypothesis, Map& map);
   void note_points(FixedVector<ViewPoint>& points) const;
   void note_neighbour(int64_t timestamp_ns, Neighbour& neighbour) const;
   void store_view(const Pyramid& pyramid, const GreyView& small, int64_t timestamp_ns, View& view);
@@ -127,6 +127,7 @@ class MapInitialiser {
   FixedVector<Corner> corners_;
   FixedVector<Point> points_;
   FixedVector<PosePoint> pose_points_;
+  PoseUpdater pose_;
   FixedVector<float> squared_;
   FixedVector<Correspondence> correspondences_;
   FixedVector<Vector2f> inlier_rays_;

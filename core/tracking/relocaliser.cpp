@@ -24,16 +24,16 @@ int64_t zmssd(const GreyView& a, const GreyView& b) {
 RelocalisationCandidate propose_pose(const Map& map, FullFrameRotation& full_frame_rotation, const GreyView& small,
                                      int attempt, WorkMeter& meter) {
   RelocalisationCandidate candidate;
-  const int parts = (map.keyframes.size() + kComparedKeyframes - 1) / kComparedKeyframes;
+  const int parts = (map.keyframes().size() + kComparedKeyframes - 1) / kComparedKeyframes;
   if (parts == 0) return candidate;
   const int first = attempt / kRelocalisationRanks % parts * kComparedKeyframes;
-  const int end = std::min(first + kComparedKeyframes, map.keyframes.size());
+  const int end = std::min(first + kComparedKeyframes, map.keyframes().size());
   int64_t score[kComparedKeyframes];
   int compared = 0;
   for (int k = first; k < end; ++k) {
     score[k - first] = -1;
-    if (map.keyframes[k].id == 0) continue;
-    score[k - first] = zmssd(map.keyframes[k].small, small);
+    if (map.keyframes()[k].id == 0) continue;
+    score[k - first] = zmssd(map.keyframes()[k].small, small);
     ++compared;
   }
   meter.charge(Work::kRotationPixel, static_cast<int64_t>(compared) * small.width * small.height / 20);
@@ -45,7 +45,7 @@ RelocalisationCandidate propose_pose(const Map& map, FullFrameRotation& full_fra
       if (score[k - first] >= 0 && (best < 0 || score[k - first] < score[best - first])) best = k;
     if (best < 0) return candidate;
   }
-  const Keyframe& keyframe = map.keyframes[best];
+  const Keyframe& keyframe = map.keyframes()[best];
   const RotationEstimate rotation =
       full_frame_rotation.estimate(keyframe.small, small, Matrix3f::Identity(), Vector3f::Zero());
   meter.charge(Work::kRotationPixel, static_cast<int64_t>(rotation.iterations) * small.width * small.height);

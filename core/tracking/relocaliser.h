@@ -5,8 +5,8 @@
 #pragma once
 
 #include "base/work_meter.h"
+#include "camera/full_frame_rotation.h"
 #include "map/map.h"
-#include "tracking/full_frame_rotation.h"
 
 namespace pptam {
 

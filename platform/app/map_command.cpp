@@ -38,11 +38,13 @@ class LoadedMap {
       if (!status.ok()) throw InputError(file.string() + ": " + status.message());
     };
     require(System::map_info(bytes_, &info_));
-    Config config = Config::phone(info_.camera);
-    config.shutter = info_.shutter;
+    Config config = Config::phone(info_.camera.model);
+    config.camera.shutter = info_.camera.shutter;
     config.max_keyframes = std::max(config.max_keyframes, info_.min_keyframes);
     config.max_erased_keyframes = std::max(config.max_erased_keyframes, info_.min_erased_keyframes);
     config.max_map_points = std::max(config.max_map_points, info_.min_map_points);
+    config.max_measurements = std::max({config.max_measurements, info_.min_measurements, 2 * config.max_map_points});
+    config.max_measurements_per_point = std::max(config.max_measurements_per_point, info_.min_measurements_per_point);
     config.max_partial_points = std::max(config.max_partial_points, info_.min_partial_points);
     require(config.validate());
     const size_t needed = System::required_bytes(config);
@@ -140,7 +142,7 @@ void write_colmap(const LoadedMap& map, const std::filesystem::path& folder) {
     platform::write_png(folder / "images" / image_name(keyframe.id), map.system().keyframe_image(keyframe.id));
 
   write_text(folder / "cameras.txt",
-             "# CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]\n1 " + colmap_camera(map.info().camera) + "\n");
+             "# CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]\n1 " + colmap_camera(map.info().camera.model) + "\n");
 
   // Observations by image; their places in it are what the tracks refer to.
   const std::vector<float> errors = reprojection_errors(map);
@@ -184,8 +186,8 @@ std::vector<std::byte> read_map_file(const std::filesystem::path& file) {
 void print_map_info(const std::filesystem::path& file) {
   const LoadedMap map(file);
   const MapInfo& info = map.info();
-  const CameraModel& camera = info.camera;
-  const RollingShutter& shutter = info.shutter;
+  const CameraModel& camera = info.camera.model;
+  const RollingShutter& shutter = info.camera.shutter;
   const bool columns = shutter.axis == RollingShutter::Axis::kColumns;
   std::vector<SummaryRow> rows;
   rows.push_back({"map", format("version %d, %zu bytes, checksum and contents good", info.version, map.bytes())});

@@ -73,7 +73,7 @@ Config config_for(const platform::CameraInfo& info) {
   CameraModel model = info.model;
   model.prepare();
   Config config = Config::phone(model);
-  config.shutter = info.shutter;
+  config.camera.shutter = info.shutter;
   config.exposure_s = info.exposure_s;
   return config;
 }
@@ -468,7 +468,8 @@ std::string limit_names(uint32_t limits_hit) {
   } kLimits[] = {{kLimitKeyframes, "max_keyframes"},
                  {kLimitMapPoints, "max_map_points"},
                  {kLimitPartialPoints, "max_partial_points"},
-                 {kLimitMeasuredPoints, "max_measured_points"}};
+                 {kLimitMeasuredPoints, "max_measured_points"},
+                 {kLimitMeasurements, "max_measurements"}};
   std::string names;
   for (const auto& limit : kLimits) {
     if ((limits_hit & limit.bit) == 0) continue;

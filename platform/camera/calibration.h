@@ -11,7 +11,7 @@
 #include <Eigen/Geometry>
 #include <filesystem>
 
-#include "geometry/camera_model.h"
+#include "camera/camera_model.h"
 
 namespace pptam::platform {
 

@@ -4,7 +4,7 @@
 #include <string>
 
 #include "sim_phone/phone_camera.h"
-#include "tracking/full_frame_rotation.h"
+#include "camera/full_frame_rotation.h"
 
 namespace pptam::bench {
 namespace {

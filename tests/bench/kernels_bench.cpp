@@ -12,7 +12,7 @@
 #include "tests/bench/bench_scene.h"
 #include "tests/bench/opencv_bench.h"
 #include "tests/bench/ratio_report.h"
-#include "tracking/full_frame_rotation.h"
+#include "camera/full_frame_rotation.h"
 
 namespace pptam::bench {
 

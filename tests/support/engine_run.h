@@ -7,7 +7,7 @@
 #include <span>
 #include <vector>
 
-#include "geometry/pose_update.h"
+#include "camera/pose_update.h"
 #include "mapping/bundle_engine.h"
 #include "tests/support/bundle_problem.h"
 

@@ -10,7 +10,7 @@
 #include <memory>
 #include <vector>
 
-#include "geometry/pose_update.h"
+#include "camera/pose_update.h"
 #include "geometry/robust.h"
 #include "tests/support/phone_camera.h"
 #include "tests/support/random.h"

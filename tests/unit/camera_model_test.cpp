@@ -1,5 +1,5 @@
 // Every distortion model against a double-precision reference over the whole image, and what validate() refuses.
-#include "geometry/camera_model.h"
+#include "camera/camera_model.h"
 
 #include <gtest/gtest.h>
 

@@ -1,6 +1,6 @@
 // The visual gyroscope on rendered views of a smooth random world: accuracy, changes of light, translation, and what
 // gives no rotation.
-#include "tracking/full_frame_rotation.h"
+#include "camera/full_frame_rotation.h"
 
 #include <gtest/gtest.h>
 

@@ -8,7 +8,7 @@
 #include <utility>
 #include <vector>
 
-#include "geometry/pose_update.h"
+#include "camera/pose_update.h"
 #include "tests/support/random.h"
 #include "tests/support/small_map.h"
 

@@ -1,5 +1,5 @@
 // The pose update: exact data, the promised covariance, outliers, the rolling shutter, and what is refused.
-#include "geometry/pose_update.h"
+#include "camera/pose_update.h"
 
 #include <gtest/gtest.h>
 

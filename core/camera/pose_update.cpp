@@ -1,4 +1,4 @@
-#include "geometry/pose_update.h"
+#include "camera/pose_update.h"
 
 #include <algorithm>
 #include <cmath>
@@ -18,6 +18,8 @@ constexpr float kConverged = 1e-10f;  // 0.004 px on the phone
 constexpr float kMaxStep = 0.5f;      // more comes from garbage
 // Smallest pivot of the system scaled to a unit diagonal: a hundred times float32's rounding.
 constexpr float kMinPivot = 1e-5f;
+
+constexpr float kUnseen = 1e12f;  // squared error of a row that cannot be predicted
 
 constexpr int kPose = 6, kUnknowns = 12;  // the velocity comes first, the pose at kPose, or alone
 
@@ -57,22 +59,29 @@ struct Factorised {
 
 }  // namespace
 
-bool project_rolling(const CameraModel& camera, const RollingShutter& shutter, const SE3& T_cw,
-                     const Vector6f& velocity, const Vector3f& p_w, Vector2f* px, SE3* T_line) {
-  *T_line = T_cw;
-  const Vector3f q = T_cw * p_w;
-  if (!camera.project(q, px)) return false;
-  if (shutter.line_time_s == 0) return true;
-  float dt_s = 0;
-  for (int pass = 0; pass < 2; ++pass) {
-    dt_s = shutter.dt_s(*px, camera.width, camera.height);
-    if (!camera.project(moved_point(q, velocity, dt_s), px)) return false;
+void PoseRow::set_point(const Camera& camera, const SE3& T_cw, const Vector6f& velocity, const Vector3f& p_w,
+                        const ImagePoint& found) {
+  dt_s = camera.dt_s(found.px);
+  const Vector3f p = moved_point(T_cw * p_w, velocity, dt_s);
+  Vector2f px;
+  Matrix23f J_px_p;
+  valid = camera.project(p, &px, &J_px_p);
+  if (!valid) return;
+  const float scale = 1 / found.sigma();
+  for (int k = 0; k < 2; ++k) {
+    const float x = scale * J_px_p(k, 0), y = scale * J_px_p(k, 1), z = scale * J_px_p(k, 2);
+    J[k][0] = x;
+    J[k][1] = y;
+    J[k][2] = z;
+    J[k][3] = p.y() * z - p.z() * y;  // the rotation's: p x (x, y, z)
+    J[k][4] = p.z() * x - p.x() * z;
+    J[k][5] = p.x() * y - p.y() * x;
+    e_0[k] = scale * (found.px[k] - px[k]);
   }
-  *T_line = pose_at(T_cw, velocity, dt_s);
-  return true;
+  depth = p.z();
 }
 
-void PoseUpdater::Sums::add(const Row& row, float weight) {
+void PoseUpdater::Sums::add(const PoseRow& row, float weight) {
   const float dt = row.dt_s;
   float* a = A;
   float* a_dt = A_dt;
@@ -92,18 +101,18 @@ void PoseUpdater::Sums::add(const Row& row, float weight) {
   }
 }
 
-void PoseUpdater::start(const CameraModel& camera, const RollingShutter& shutter, const SE3& T_start,
-                        const VelocityPrior& prior, std::span<PosePoint> points, float sigma_floor, WorkMeter& meter) {
-  camera_ = &camera;
-  meter_ = &meter;
+PoseUpdater::PoseUpdater(Arena& arena, int max_rows, bool rolling_shutter, WorkMeter& meter)
+    : meter_(meter), rolling_shutter_(rolling_shutter), rows_(arena, max_rows), squared_(arena, max_rows) {}
+
+void PoseUpdater::start(const SE3& T_start, const VelocityPrior& prior, const PoseRows& rows) {
+  source_ = &rows;
+  rows_.resize(std::min(rows.count(), rows_.capacity()));
   T_start_ = T_ = T_start;
   prior_ = prior;
   velocity_ = prior.mean;
-  points_ = points.first(std::min<size_t>(points.size(), kMaxPoints));
-  sigma_floor_ = sigma_floor;
-  velocity_free_ = shutter.line_time_s != 0 && prior.sigma_rotation > 0;
-  mu_.setZero();
-  faster_.setZero();
+  velocity_free_ = rolling_shutter_ && prior.sigma_rotation > 0;
+  pose_step_.setZero();
+  velocity_step_.setZero();
   moved_.setZero();
   mean_depth_ = 1;
   iteration_ = 0;
@@ -111,8 +120,8 @@ void PoseUpdater::start(const CameraModel& camera, const RollingShutter& shutter
   result_ = PoseUpdate();
   result_.T_cw = T_start;
   result_.velocity = prior.mean;
-  next_ = static_cast<int>(points_.size()) < kMinInliers ? Piece::kEnd : Piece::kErrors;
-  for (size_t i = 0; i < points_.size(); ++i) rows_[i].dt_s = shutter.dt_s(points_[i].px, camera.width, camera.height);
+  for (PoseRow& row : rows_) row.weight = row.error_sq = 0;
+  next_ = rows_.size() < kMinInliers ? Piece::kEnd : Piece::kErrors;
 }
 
 bool PoseUpdater::advance() {
@@ -120,7 +129,7 @@ bool PoseUpdater::advance() {
     case Piece::kErrors:
       full_ = confirm_ ||
               std::find(std::begin(kRelinearised), std::end(kRelinearised), iteration_) != std::end(kRelinearised);
-      next_ = full_ ? project() : follow();
+      next_ = full_ ? linearise() : follow();
       break;
     case Piece::kScale:
       next_ = estimate_scale();
@@ -134,56 +143,39 @@ bool PoseUpdater::advance() {
   return next_ == Piece::kEnd;
 }
 
-PoseUpdater::Piece PoseUpdater::project() {
-  const int count = static_cast<int>(points_.size());
-  meter_->charge(Work::kPoseProjection, count);
-  T_ = SE3::exp(mu_) * T_;
-  velocity_ += faster_;
-  mu_.setZero();
-  faster_.setZero();
-  const SE3 T = T_;
-  const Vector6f velocity = velocity_;
+PoseUpdater::Piece PoseUpdater::linearise() {
+  meter_.charge(Work::kPoseProjection, rows_.size());
+  T_ = SE3::exp(pose_step_) * T_;
+  velocity_ += velocity_step_;
+  pose_step_.setZero();
+  velocity_step_.setZero();
+  source_->linearise(T_, velocity_, rows_);
   float depth_sum = 0;
-  valid_ = 0;
-  for (int i = 0; i < count; ++i) {
-    PosePoint& point = points_[i];
-    Row& row = rows_[i];
-    const Vector3f p = moved_point(T * point.p_w, velocity, row.dt_s);
-    Vector2f px;
-    Matrix23f J_px_p;
-    row.valid = camera_->project(p, &px, &J_px_p);
+  int valid = 0, deep = 0;
+  for (PoseRow& row : rows_) {
     if (!row.valid) {
-      point.error_sq = 1e12f;
-      point.weight = 0;
+      row.error_sq = kUnseen;
+      row.weight = 0;
       continue;
     }
-    const float scale = 1 / point.sigma;
-    for (int k = 0; k < 2; ++k) {
-      const float x = scale * J_px_p(k, 0), y = scale * J_px_p(k, 1), z = scale * J_px_p(k, 2);
-      row.J[k][0] = x;
-      row.J[k][1] = y;
-      row.J[k][2] = z;
-      row.J[k][3] = p.y() * z - p.z() * y;  // the rotation's: p x (x, y, z)
-      row.J[k][4] = p.z() * x - p.x() * z;
-      row.J[k][5] = p.x() * y - p.y() * x;
-      row.e_0[k] = row.e[k] = scale * (point.px[k] - px[k]);
-    }
-    depth_sum += p.z();
-    ++valid_;
+    row.e[0] = row.e_0[0];
+    row.e[1] = row.e_0[1];
+    ++valid;
+    depth_sum += row.depth;
+    deep += row.depth > 0;
   }
-  if (valid_ < kMinInliers) return Piece::kEnd;
-  mean_depth_ = depth_sum / static_cast<float>(valid_);
+  if (valid < kMinInliers) return Piece::kEnd;
+  if (deep > 0) mean_depth_ = depth_sum / static_cast<float>(deep);
   return Piece::kScale;
 }
 
 PoseUpdater::Piece PoseUpdater::follow() {
-  const Vector6f mu = mu_, faster = faster_;
-  for (size_t i = 0; i < points_.size(); ++i) {
-    Row& row = rows_[i];
+  const Vector6f pose_step = pose_step_, velocity_step = velocity_step_;
+  for (PoseRow& row : rows_) {
     if (!row.valid) continue;
     for (int k = 0; k < 2; ++k) {
       float e = row.e_0[k];
-      for (int c = 0; c < 6; ++c) e -= row.J[k][c] * (mu[c] + row.dt_s * faster[c]);
+      for (int c = 0; c < 6; ++c) e -= row.J[k][c] * (pose_step[c] + row.dt_s * velocity_step[c]);
       row.e[k] = e;
     }
   }
@@ -191,36 +183,34 @@ PoseUpdater::Piece PoseUpdater::follow() {
 }
 
 PoseUpdater::Piece PoseUpdater::estimate_scale() {
-  float squared[kMaxPoints];
-  valid_ = 0;
-  for (size_t i = 0; i < points_.size(); ++i) {
-    const Row& row = rows_[i];
+  squared_.clear();
+  for (PoseRow& row : rows_) {
     if (!row.valid) continue;
-    points_[i].error_sq = row.e[0] * row.e[0] + row.e[1] * row.e[1];
-    squared[valid_++] = points_[i].error_sq;
+    row.error_sq = row.e[0] * row.e[0] + row.e[1] * row.e[1];
+    squared_.push_back(row.error_sq);
   }
-  result_.sigma = std::max(robust_sigma({squared, static_cast<size_t>(valid_)}), sigma_floor_);
+  const int unseen = rows_.size() - squared_.size();
+  result_.sigma = std::max(robust_sigma(squared_), kRobustSigmaFloor);
   sums_ = Sums();
   summed_ = 0;
   result_.inliers = 0;
-  result_.cost = tukey_cost(1e12f, result_.sigma) * static_cast<float>(static_cast<int>(points_.size()) - valid_);
+  result_.cost = tukey_cost(kUnseen, result_.sigma) * static_cast<float>(unseen);
   return Piece::kSums;
 }
 
 PoseUpdater::Piece PoseUpdater::sum_up() {
-  const int count = static_cast<int>(points_.size());
+  const int count = rows_.size();
   const int end = std::min(count, summed_ + kSummedAtOnce);
   const float sigma = result_.sigma;
-  meter_->charge(Work::kPosePoint, end - summed_);
+  meter_.charge(Work::kPosePoint, end - summed_);
   for (; summed_ < end; ++summed_) {
-    PosePoint& point = points_[summed_];
-    const Row& row = rows_[summed_];
+    PoseRow& row = rows_[summed_];
     if (!row.valid) continue;
-    point.weight = tukey_weight(point.error_sq, sigma);
-    result_.cost += tukey_cost(point.error_sq, sigma);
-    if (point.weight == 0) continue;
+    row.weight = tukey_weight(row.error_sq, sigma);
+    result_.cost += tukey_cost(row.error_sq, sigma);
+    if (row.weight == 0) continue;
     ++result_.inliers;
-    sums_.add(row, point.weight);
+    sums_.add(row, row.weight);
   }
   if (end < count) return Piece::kSums;
   return result_.inliers < kMinInliers ? Piece::kEnd : solve();
@@ -244,7 +234,7 @@ PoseUpdater::Piece PoseUpdater::solve() {
     if (!velocity_free_) continue;
     const float sigma = i < 3 ? prior_.sigma_translation : prior_.sigma_rotation;
     const float W = 1 / (sigma * sigma);
-    const float r = velocity_[i] + faster_[i] - (prior_.mean[i] + prior_.rate_per_s * moved_[i]);
+    const float r = velocity_[i] + velocity_step_[i] - (prior_.mean[i] + prior_.rate_per_s * moved_[i]);
     H[i][i] += W;
     H[pose + i][i] -= W * prior_.rate_per_s;
     H[pose + i][pose + i] += W * prior_.rate_per_s * prior_.rate_per_s;
@@ -269,11 +259,11 @@ PoseUpdater::Piece PoseUpdater::solve() {
   Vector6f step;
   for (int i = 0; i < 6; ++i) {
     step[i] = unit[pose + i] * g[pose + i];
-    if (velocity_free_) faster_[i] += unit[i] * g[i];
+    if (velocity_free_) velocity_step_[i] += unit[i] * g[i];
   }
-  mu_ += step;
+  pose_step_ += step;
   moved_ += step;
-  if (!step.allFinite() || !faster_.allFinite()) return Piece::kEnd;
+  if (!step.allFinite() || !velocity_step_.allFinite()) return Piece::kEnd;
   const float size = step.head<3>().squaredNorm() / (mean_depth_ * mean_depth_) + step.tail<3>().squaredNorm();
   if (size > kMaxStep) return Piece::kEnd;
   const bool small = size < kConverged;
@@ -282,9 +272,9 @@ PoseUpdater::Piece PoseUpdater::solve() {
     ++iteration_;
     return Piece::kErrors;
   }
-  const SE3 T = SE3::exp(mu_) * T_;
+  const SE3 T = SE3::exp(pose_step_) * T_;
   result_.T_cw = {orthonormalised(T.R), T.t};
-  result_.velocity = velocity_ + faster_;
+  result_.velocity = velocity_ + velocity_step_;
   for (int i = 0; i < 6; ++i) {
     float column[kUnknowns] = {};
     column[pose + i] = 1;
@@ -294,15 +284,6 @@ PoseUpdater::Piece PoseUpdater::solve() {
   result_.ok = result_.T_cw.t.allFinite() && result_.T_cw.R.allFinite() && result_.covariance.allFinite();
   if (!result_.ok) result_.T_cw = T_start_;
   return Piece::kEnd;
-}
-
-PoseUpdate update_pose(const CameraModel& camera, const RollingShutter& shutter, const SE3& T_start,
-                       const VelocityPrior& prior, std::span<PosePoint> points, float sigma_floor, WorkMeter& meter) {
-  PoseUpdater updater;
-  updater.start(camera, shutter, T_start, prior, points, sigma_floor, meter);
-  while (!updater.advance()) {
-  }
-  return updater.result();
 }
 
 }  // namespace pptam

@@ -1,4 +1,4 @@
-#include "tracking/full_frame_rotation.h"
+#include "camera/full_frame_rotation.h"
 
 #include <Eigen/Cholesky>
 #include <cmath>

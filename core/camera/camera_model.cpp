@@ -1,4 +1,4 @@
-#include "geometry/camera_model.h"
+#include "camera/camera_model.h"
 
 #include <cmath>
 

@@ -7,7 +7,7 @@
 #pragma once
 
 #include "base/containers.h"
-#include "geometry/camera_model.h"
+#include "camera/camera_model.h"
 #include "image/pyramid.h"
 
 namespace pptam {

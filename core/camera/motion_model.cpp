@@ -1,0 +1,114 @@
+#include "camera/motion_model.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "base/deterministic_math.h"
+
+namespace pptam {
+
+namespace {
+
+constexpr float kVelocityBlend = 0.7f;      // share of the newest measured velocity
+constexpr float kVelocityDecayRate = 1.6f;  // 1/s: a fifth is left of a velocity after a second without measurements
+constexpr float kMissedDecayRate = 3.0f;    // 1/s, of the velocity in frames whose pose is not measured
+
+// How far the velocity during a readout may be from the mean since the last frame: this share of the change of the
+// rotation rate from frame to frame, rms of each component over some ten frames; at least what a calm hand needs, at
+// most this in radians/s.
+constexpr float kTurnChangeShare = 0.5f;
+constexpr float kTurnChangeBlend = 0.1f;
+constexpr float kMaxSigmaRotation = 0.3f;
+
+}  // namespace
+
+void MotionModel::begin_frame(float dt_s, bool with_map) {
+  dt_s_ = dt_s;
+  with_map_ = with_map;
+  expected_ = with_map ? SE3::exp(velocity_ * dt_s) : SE3();
+}
+
+void MotionModel::turn(const RotationEstimate* rotation) {
+  rotation_ok_ = rotation && rotation->ok;
+  R_cp_.setIdentity();
+  if (rotation) R_cp_ = rotation->ok ? rotation->R_cp : expected_.R;
+  const Vector3f turn = so3_log(R_cp_) / dt_s_;
+  turn_change_sq_ += kTurnChangeBlend * ((turn - last_turn_).squaredNorm() / 3 - turn_change_sq_);
+  last_turn_ = turn;
+  T_predicted_ = SE3(R_cp_, expected_.t) * T_cw_;
+  T_predicted_.R = orthonormalised(T_predicted_.R);
+  prior_ = prior(T_predicted_);
+}
+
+VelocityPrior MotionModel::prior(const SE3& T_cw) const {
+  VelocityPrior prior;
+  prior.sigma_rotation =
+      std::clamp(kTurnChangeShare * std::sqrt(turn_change_sq_), kVelocitySigmaRotation, kMaxSigmaRotation);
+  prior.sigma_translation = prior.sigma_rotation * (kVelocitySigmaTranslation / kVelocitySigmaRotation) * mean_depth_;
+  if (believed_ < 1) {
+    prior.mean.head<3>() = velocity_.head<3>();
+    prior.mean.tail<3>() = so3_log(R_cp_) / dt_s_;
+    return prior;
+  }
+  prior.mean = (T_cw * T_cw_.inverse()).log() / dt_s_;
+  prior.rate_per_s = 1 / dt_s_;
+  return prior;
+}
+
+float MotionModel::image_speed() const {
+  const Vector3f omega = prior_.mean.tail<3>();
+  const Vector3f v = with_map_ ? Vector3f(velocity_.head<3>() / mean_depth_) : Vector3f::Zero();
+  return std::sqrt((omega.y() + v.x()) * (omega.y() + v.x()) + (v.y() - omega.x()) * (v.y() - omega.x()));
+}
+
+void MotionModel::believe(const PoseUpdate& pose, float dt_s, float mean_depth) {
+  Vector6f measured = (pose.T_cw * T_cw_.inverse()).log() / dt_s;
+  if (missed_ > 0 || believed_ == 0) measured.head<3>().setZero();  // the last pose was a guess
+  central_known_ = believed_ >= 2;
+  if (central_known_)  // the mean of both sides' velocities, the nearer one's counting more
+    central_velocity_ = (dt_s * last_motion_ + last_interval_s_ * measured) / (dt_s + last_interval_s_);
+  last_motion_ = measured;
+  last_interval_s_ = dt_s;
+  const float decay = det_exp(-kVelocityDecayRate * dt_s);
+  velocity_ = decay * (kVelocityBlend * measured + (1 - kVelocityBlend) * velocity_);
+  T_cw_ = pose.T_cw;
+  readout_velocity_ = pose.velocity;
+  mean_depth_ = mean_depth;
+  missed_ = 0;
+  ++believed_;
+}
+
+void MotionModel::miss() {
+  T_cw_ = T_predicted_;
+  velocity_ *= std::max(0.0f, 1.0f - kMissedDecayRate * dt_s_);
+  believed_ = 0;
+  ++missed_;
+}
+
+void MotionModel::start(const SE3& T_cw, const Vector6f& velocity, float mean_depth) {
+  T_cw_ = T_cw;
+  velocity_ = velocity;
+  mean_depth_ = mean_depth;
+  missed_ = 0;
+  believed_ = 1;
+}
+
+void MotionModel::start_guess(float mean_depth) {
+  velocity_.setZero();
+  mean_depth_ = mean_depth;
+  believed_ = 0;
+}
+
+void MotionModel::forget() {
+  velocity_.setZero();
+  missed_ = believed_ = 0;
+}
+
+void MotionModel::apply(const Similarity& S) {
+  T_cw_ = S.moved(T_cw_);
+  for (Vector6f* velocity : {&velocity_, &last_motion_, &readout_velocity_, &central_velocity_})
+    velocity->head<3>() *= S.scale;
+  mean_depth_ *= S.scale;
+}
+
+}  // namespace pptam

@@ -1,0 +1,109 @@
+// The measurements of all points in one pool: each point has a list of its own, so that a point costs what was measured
+// of it and no more. Lists keep their order; places are used again.
+#pragma once
+
+#include "base/containers.h"
+#include "camera/camera.h"
+
+namespace pptam {
+
+// Where a point was found in a keyframe.
+struct Measurement {
+  ImagePoint at;
+  int16_t keyframe = -1;  // index into Map::keyframes(); a live one
+  float weight = 1;       // of the M-estimator at the last bundle adjustment, 0 to 1
+};
+
+class MeasurementPool {
+  struct Node {
+    Measurement measurement;
+    int32_t next = -1;
+  };
+
+ public:
+  struct List {
+    int32_t first = -1;
+    int16_t count = 0;
+    int size() const { return count; }
+  };
+
+  class Iterator {
+   public:
+    Iterator(const Node* nodes, int32_t at) : nodes_(nodes), at_(at) {}
+    const Measurement& operator*() const { return nodes_[at_].measurement; }
+    const Measurement* operator->() const { return &nodes_[at_].measurement; }
+    Iterator& operator++() {
+      at_ = nodes_[at_].next;
+      return *this;
+    }
+    bool operator!=(const Iterator& other) const { return at_ != other.at_; }
+
+   private:
+    const Node* nodes_;
+    int32_t at_;
+  };
+  struct Range {
+    Iterator first, last;
+    int count;
+    Iterator begin() const { return first; }
+    Iterator end() const { return last; }
+    int size() const { return count; }
+    const Measurement& operator[](int i) const {
+      PPTAM_ASSERT(i >= 0 && i < count);
+      Iterator at = first;
+      for (; i > 0; --i) ++at;
+      return *at;
+    }
+  };
+
+  MeasurementPool() = default;
+  MeasurementPool(Arena& arena, int capacity) : nodes_(arena, capacity) { clear(); }
+
+  Range range(const List& list) const {
+    return {Iterator(nodes_.data(), list.first), Iterator(nodes_.data(), -1), list.count};
+  }
+  // False, with nothing changed, when the pool is full.
+  bool push_back(List* list, const Measurement& measurement) {
+    if (free_ < 0) return false;
+    const int32_t added = free_;
+    free_ = nodes_[added].next;
+    nodes_[added] = {measurement, -1};
+    *link(list, list->count) = added;
+    ++list->count;
+    return true;
+  }
+  Measurement& at(List* list, int i) {
+    PPTAM_ASSERT(i >= 0 && i < list->count);
+    return nodes_[*link(list, i)].measurement;
+  }
+  void erase(List* list, int i) {  // keeps the order
+    PPTAM_ASSERT(i >= 0 && i < list->count);
+    int32_t* const place = link(list, i);
+    const int32_t gone = *place;
+    *place = nodes_[gone].next;
+    nodes_[gone].next = free_;
+    free_ = gone;
+    --list->count;
+  }
+  void erase_all(List* list) {
+    while (list->count > 0) erase(list, 0);
+  }
+  void clear() {  // all lists; they must be forgotten
+    nodes_.resize(nodes_.capacity());
+    for (int i = 0; i < nodes_.size(); ++i) nodes_[i].next = i + 1 < nodes_.size() ? i + 1 : -1;
+    free_ = nodes_.empty() ? -1 : 0;
+  }
+
+ private:
+  // What points to the list's i-th node.
+  int32_t* link(List* list, int i) {
+    int32_t* place = &list->first;
+    for (; i > 0; --i) place = &nodes_[*place].next;
+    return place;
+  }
+
+  FixedVector<Node> nodes_;
+  int32_t free_ = -1;  // the first of those that are in no list
+};
+
+}  // namespace pptam

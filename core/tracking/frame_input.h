@@ -1,0 +1,40 @@
+// A frame as the tracker sees it: grey, as a pyramid, and as a small image, beside the small image of the frame before.
+#pragma once
+
+#include "base/work_meter.h"
+#include "camera/camera_model.h"
+#include "image/pyramid.h"
+
+namespace pptam {
+
+// Through double: timestamps may be further apart than int64 can tell.
+inline float elapsed_s(int64_t from_ns, int64_t to_ns) {
+  return static_cast<float>((static_cast<double>(to_ns) - static_cast<double>(from_ns)) * 1e-9);
+}
+
+class FrameInput {
+ public:
+  FrameInput(Arena& arena, const CameraModel& camera, WorkMeter& meter);
+
+  // frame has been validated. Level 0 may point into it.
+  void take(const Frame& frame);
+
+  int64_t timestamp_ns() const { return timestamp_ns_; }
+  float dt_s() const { return dt_s_; }  // since the frame before
+  const Pyramid& pyramid() const { return pyramid_; }
+  const GreyImage& small() const { return small_; }
+  bool has_previous() const { return has_previous_; }
+  const GreyImage& previous_small() const { return previous_small_; }
+
+ private:
+  WorkMeter& meter_;
+  GreyImage grey_storage_;
+  PyramidStorage pyramid_storage_;
+  Pyramid pyramid_;
+  GreyImage small_, previous_small_;
+  bool has_frame_ = false, has_previous_ = false;
+  int64_t timestamp_ns_ = 0;
+  float dt_s_ = 0;
+};
+
+}  // namespace pptam

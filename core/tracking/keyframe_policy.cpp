@@ -1,0 +1,72 @@
+#include "tracking/keyframe_policy.h"
+
+#include <algorithm>
+
+namespace pptam {
+
+namespace {
+
+// Distance to the nearest keyframe in mean depths, which grows as the map fills (a young map needs baselines soon, a
+// full one must not grow), or the share of the points measured in a frame that the view can fill.
+constexpr float kDistanceNew = 0.004f, kDistanceFull = 0.18f;
+constexpr float kMinDistance = 0.004f;
+constexpr float kSparseViewFraction = 0.6f;
+constexpr float kFullInterval_s = 2.0f;  // a map that had none to spare is asked again after this time
+constexpr float kCosTurn = 0.98f;        // 11.5 degrees: views turned by more do not count as near
+constexpr float kNoneNear = 1e9f;
+
+}  // namespace
+
+bool KeyframePolicy::wants(int64_t timestamp_ns, const MotionModel& motion, int visible) const {
+  if (!map_.queue().can_hold()) return false;
+  const float interval_s =
+      map_.full() ? std::max(kFullInterval_s, config_.min_keyframe_interval_s) : config_.min_keyframe_interval_s;
+  if (elapsed_s(last_ns_, timestamp_ns) < interval_s) return false;
+  if (motion.believed() < 2) return false;
+  const Vector3f centre = motion.T_cw().centre();
+  const Vector3f axis = motion.T_cw().R.row(2).transpose();
+  // The nearest keyframe that looks the same way.
+  float nearest_alike = kNoneNear;
+  const auto consider = [&](const SE3& T_kw) {
+    const float distance = (T_kw.centre() - centre).norm();
+    if (axis.dot(T_kw.R.row(2).transpose()) > kCosTurn) nearest_alike = std::min(nearest_alike, distance);
+  };
+  for (const Keyframe& keyframe : map_.keyframes())
+    if (keyframe.id != 0) consider(keyframe.T_kw);  // erased ones too: a second one there would go the same way
+  for (int i = 0; i < map_.queue().waiting(); ++i) consider(map_.queue().waiting(i).frame.T_kw);
+  const bool sparse =
+      static_cast<float>(visible) < kSparseViewFraction * static_cast<float>(config_.max_measured_points);
+  const float fill = static_cast<float>(map_.live_count()) / static_cast<float>(config_.max_keyframes);
+  const float far = kDistanceNew + (kDistanceFull - kDistanceNew) * fill;
+  if (nearest_alike > far * motion.mean_depth()) return true;
+  return sparse && nearest_alike > kMinDistance * motion.mean_depth();
+}
+
+void KeyframePolicy::hold(const FrameInput& input, const MotionModel& motion, std::span<const Attempt> attempts) {
+  KeyframeCandidate& candidate = map_.queue().hold();
+  Keyframe& frame = candidate.frame;
+  frame.timestamp_ns = input.timestamp_ns();
+  frame.T_kw = motion.T_cw();
+  frame.velocity = motion.readout_velocity();
+  frame.velocity_prior = motion.last_motion();  // until the next frame tells more
+  frame.mean_depth = motion.mean_depth();
+  frame.set_images(input.pyramid(), input.small());
+  const CameraModel& model = config_.camera.model;
+  meter_.charge(Work::kKeyframePixel, static_cast<int64_t>(model.width) * model.height * 4 / 3);
+  for (const Attempt& attempt : attempts)
+    if (attempt.outcome == Attempt::Outcome::kInlier)
+      candidate.measurements.push_back({attempt.point, map_.points()[attempt.point].id, attempt.at});
+  last_ns_ = input.timestamp_ns();
+}
+
+void KeyframePolicy::release_unmeasured() {
+  if (map_.queue().holding()) map_.queue().release();
+}
+
+void KeyframePolicy::release(const MotionModel& motion) {
+  if (!map_.queue().holding()) return;
+  if (motion.central_velocity_known()) map_.queue().held().frame.velocity_prior = motion.central_velocity();
+  map_.queue().release();
+}
+
+}  // namespace pptam

@@ -1,0 +1,179 @@
+#include "tracking/map_matching.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace pptam {
+
+namespace {
+
+// Quality from the fraction of expected points found as inliers, and their number.
+constexpr float kGoodFraction = 0.45f;
+constexpr float kPoorFraction = 0.22f;
+constexpr int kGoodInliers = 12;
+constexpr int kPoorInliers = 8;
+// Who hides a point: seen within so many level-0 px of where it was expected, at less than this share of its depth.
+constexpr float kNeighbour_px = 25.0f;
+constexpr float kHidingDepth = 0.85f;
+// Of the search, in pixels of the level searched.
+constexpr float kRadius_px = 4.0f, kWideRadius_px = 7.0f;
+
+TrackingQuality quality_of(const MapMatch& match) {
+  if (!match.pose.ok || match.attempted <= 0) return TrackingQuality::kBad;
+  const float fraction = static_cast<float>(match.pose.inliers) / static_cast<float>(match.attempted);
+  if (fraction >= kGoodFraction && match.pose.inliers >= kGoodInliers) return TrackingQuality::kGood;
+  if (fraction >= kPoorFraction && match.pose.inliers >= kPoorInliers) return TrackingQuality::kPoor;
+  return TrackingQuality::kBad;
+}
+
+}  // namespace
+
+// The attempts that found something, in their order.
+struct MapMatching::Rows final : PoseRows {
+  Rows(const MapMatching& matching, int found) : matching_(matching), found_(found) {}
+  int count() const override { return found_; }
+  void linearise(const SE3& T_cw, const Vector6f& velocity, std::span<PoseRow> rows) const override {
+    size_t i = 0;
+    for (const Attempt& attempt : matching_.attempts_)
+      if (attempt.found() && i < rows.size())
+        rows[i++].set_point(matching_.config_.camera, T_cw, velocity, matching_.map_.points()[attempt.point].p_w,
+                            attempt.at);
+  }
+
+ private:
+  const MapMatching& matching_;
+  int found_;
+};
+
+MapMatching::MapMatching(Arena& arena, const Config& config, Map& map, WorkMeter& meter)
+    : config_(config),
+      map_(map),
+      selection_(arena, config, meter),
+      attempts_(arena, config.max_measured_points),
+      finder_(map, config.camera, meter),
+      pose_(arena, config.max_measured_points, config.camera.shutter.line_time_s != 0, meter) {}
+
+MapMatch MapMatching::match(const Pyramid& pyramid, const MotionModel& motion, Search search, const SE3& T_first) {
+  SE3 T_start = T_first;
+  VelocityPrior prior = motion.prior(T_start);
+  SearchOptions options;
+  selected_ = selection_.select(map_, T_start);
+  if (search == Search::kWide) {
+    // Coarse to fine: a wide circle costs little in a coarse level and is less ambiguous than in a fine one.
+    options.level = config_.coarse_search_level;
+    options.radius_px = kWideRadius_px;
+    const MapMatch coarse = search_and_update(pyramid, T_start, prior, options);
+    if (coarse.quality != TrackingQuality::kBad) {
+      T_start = coarse.pose.T_cw;
+      prior = motion.prior(T_start);
+      selected_ = selection_.select(map_, T_start);
+    }
+  }
+  options.level = search == Search::kBlurred ? config_.coarse_search_level : config_.search_level;
+  options.radius_px = kRadius_px;
+  return search_and_update(pyramid, T_start, prior, options);
+}
+
+MapMatch MapMatching::search_and_update(const Pyramid& pyramid, const SE3& T_start, const VelocityPrior& prior,
+                                        const SearchOptions& options) {
+  search(pyramid, T_start, prior, options);
+  MapMatch match;
+  match.visible = selection_.visible();
+  for (const Attempt& attempt : attempts_) {
+    match.attempted += attempt.searched();
+    match.found += attempt.found();
+  }
+  match.pose = pose_.run(T_start, prior, Rows(*this, match.found));
+  if (match.pose.ok) {
+    const PoseRow* row = pose_.rows().data();
+    for (Attempt& attempt : attempts_)
+      if (attempt.found() && (row++)->weight > 0) attempt.outcome = Attempt::Outcome::kInlier;
+    match.attempted -= excuse_hidden_points(match.pose.T_cw);
+  }
+  match.quality = quality_of(match);
+  return match;
+}
+
+void MapMatching::search(const Pyramid& pyramid, const SE3& T_start, const VelocityPrior& prior,
+                         const SearchOptions& options) {
+  attempts_.clear();
+  for (const int index : selected_) {
+    const MapPoint& point = map_.points()[index];
+    PredictedPoint predicted;
+    if (!config_.camera.project_rolling(T_start, prior.mean, point.p_w, &predicted) ||
+        !config_.camera.in_image(predicted.px, kImageBorder_px))
+      continue;
+    Attempt attempt;
+    attempt.point = index;
+    attempt.predicted_px = predicted.px;
+    attempt.at = {predicted.px, static_cast<uint8_t>(options.level)};
+    switch (finder_.find(point.source, point.p_w, predicted, pyramid, options, &attempt.at)) {
+      case SearchOutcome::kNotVisible:
+        break;
+      case SearchOutcome::kNotFound:
+        attempt.outcome = Attempt::Outcome::kMissed;
+        break;
+      case SearchOutcome::kFound:
+        attempt.outcome = Attempt::Outcome::kOutlier;  // until it has a weight
+        break;
+    }
+    attempts_.push_back(attempt);
+  }
+}
+
+// A missed point whose neighbour in the image is seen much nearer is probably behind it, and was not to be expected.
+// Returns how many.
+int MapMatching::excuse_hidden_points(const SE3& T_cw) {
+  const auto depth = [&](const Attempt& attempt) {
+    return T_cw.R.row(2).dot(map_.points()[attempt.point].p_w) + T_cw.t.z();
+  };
+  int hidden = 0;
+  for (Attempt& missed : attempts_) {
+    if (missed.outcome != Attempt::Outcome::kMissed) continue;
+    const float nearer = kHidingDepth * depth(missed);
+    for (const Attempt& seen : attempts_) {
+      if (seen.outcome != Attempt::Outcome::kInlier || depth(seen) > nearer ||
+          (seen.at.px - missed.predicted_px).squaredNorm() > kNeighbour_px * kNeighbour_px)
+        continue;
+      missed.outcome = Attempt::Outcome::kHidden;
+      ++hidden;
+      break;
+    }
+  }
+  return hidden;
+}
+
+float MapMatching::mean_depth(const SE3& T_cw, float without) const {
+  float sum = 0;
+  int count = 0;
+  for (const Attempt& attempt : attempts_) {
+    if (attempt.outcome != Attempt::Outcome::kInlier) continue;
+    sum += (T_cw * map_.points()[attempt.point].p_w).z();
+    ++count;
+  }
+  return count > 0 ? sum / static_cast<float>(count) : without;
+}
+
+float MapMatching::reprojection_px() const {
+  float sum = 0;
+  int count = 0;
+  const PoseRow* row = pose_.rows().data();
+  for (const Attempt& attempt : attempts_) {
+    if (!attempt.found()) continue;
+    const float sigma = attempt.at.sigma();
+    if (row->weight != 0) {
+      sum += row->error_sq * sigma * sigma;
+      ++count;
+    }
+    ++row;
+  }
+  return count > 0 ? std::sqrt(0.5f * sum / static_cast<float>(count)) : 0.0f;
+}
+
+void MapMatching::count_searches() {
+  for (const Attempt& attempt : attempts_)
+    if (attempt.searched() && attempt.outcome != Attempt::Outcome::kHidden)
+      map_.count_search(attempt.point, attempt.outcome == Attempt::Outcome::kInlier);
+}
+
+}  // namespace pptam

@@ -1,0 +1,83 @@
+#include "tracking/point_selection.h"
+
+#include <algorithm>
+
+namespace pptam {
+
+namespace {
+
+constexpr int kMostCells = 16 * 16;
+constexpr float kMinCosView = 0.5f;                  // between the source's and the present viewing direction
+constexpr float kMinScale = 0.4f, kMaxScale = 2.5f;  // distance ratios that a warp can bridge
+
+}  // namespace
+
+PointSelection::PointSelection(Arena& arena, const Config& config, WorkMeter& meter)
+    : config_(config),
+      meter_(meter),
+      candidates_(arena, config.max_map_points),
+      selected_(arena, config.max_measured_points) {}
+
+void PointSelection::find_visible(const Map& map, const SE3& T_cw) {
+  candidates_.clear();
+  const Camera& camera = config_.camera;
+  int projected = 0;
+  const Vector3f centre = T_cw.centre();
+  constexpr int kCachedCentres = 96;
+  Vector3f source_centre[kCachedCentres];
+  const int cached = std::min(map.keyframes().size(), kCachedCentres);
+  for (int k = 0; k < cached; ++k) source_centre[k] = map.keyframes()[k].T_kw.centre();
+  for (int i = 0; i < map.points().size(); ++i) {
+    const MapPoint& point = map.points()[i];
+    if (point.id == 0) continue;
+    ++projected;
+    Vector2f px;
+    if (!camera.project(T_cw * point.p_w, &px) || !camera.in_image(px, kImageBorder_px)) continue;
+    const int k = point.source.keyframe;
+    const Vector3f from_source = point.p_w - (k < cached ? source_centre[k] : map.keyframes()[k].T_kw.centre());
+    const Vector3f from_here = point.p_w - centre;
+    const float source_sq = from_source.squaredNorm(), here_sq = from_here.squaredNorm();
+    if (here_sq < kMinScale * kMinScale * source_sq || here_sq > kMaxScale * kMaxScale * source_sq) continue;
+    const float dot = from_source.dot(from_here);
+    if (dot < 0 || dot * dot < kMinCosView * kMinCosView * source_sq * here_sq) continue;
+    Candidate candidate;
+    candidate.point = i;
+    const int x = std::clamp(static_cast<int>(px.x()) * config_.cells_x / camera.model.width, 0, config_.cells_x - 1);
+    const int y = std::clamp(static_cast<int>(px.y()) * config_.cells_y / camera.model.height, 0, config_.cells_y - 1);
+    candidate.cell = static_cast<int16_t>(y * config_.cells_x + x);
+    const float reliability = (static_cast<float>(point.found) + 2.0f) / (static_cast<float>(point.attempts) + 3.0f);
+    candidate.score = reliability * (1.0f + 0.1f * static_cast<float>(std::min(point.measurements.size(), 6)));
+    candidates_.push_back(candidate);
+  }
+  meter_.charge(Work::kPointProjected, projected);
+}
+
+std::span<const int> PointSelection::select(const Map& map, const SE3& T_cw) {
+  find_visible(map, T_cw);
+  selected_.clear();
+  const auto better = [this, &map](int a, int b) {  // ties by the older point
+    const Candidate &x = candidates_[a], &y = candidates_[b];
+    if (x.score != y.score) return x.score > y.score;
+    return map.points()[x.point].id < map.points()[y.point].id;
+  };
+  const int cells = config_.cells_x * config_.cells_y;
+  for (;;) {
+    int best[kMostCells];
+    std::fill_n(best, cells, -1);
+    for (int i = 0; i < candidates_.size(); ++i) {
+      const Candidate& candidate = candidates_[i];
+      if (candidate.taken) continue;
+      int& rival = best[candidate.cell];
+      if (rival < 0 || better(i, rival)) rival = i;
+    }
+    const auto end = std::remove(best, best + cells, -1);
+    if (end == best) return selected_;
+    std::sort(best, end, better);
+    for (const int* i = best; i != end; ++i) {
+      if (!selected_.push_back(candidates_[*i].point)) return selected_;
+      candidates_[*i].taken = true;
+    }
+  }
+}
+
+}  // namespace pptam

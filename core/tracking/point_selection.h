@@ -1,0 +1,38 @@
+// Which map points to measure: expected to be visible, spread over the image, reliable ones first, always the same ones
+// in the same view (a changing choice makes the pose jitter).
+#pragma once
+
+#include "base/work_meter.h"
+#include "map/map.h"
+
+namespace pptam {
+
+// Points are neither predicted nor searched nearer to the image's edge: half a template and the search circle of L1.
+constexpr float kImageBorder_px = 12.0f;
+
+class PointSelection {
+ public:
+  PointSelection(Arena& arena, const Config& config, WorkMeter& meter);
+
+  // Indices into map.points(), up to Config::max_measured_points: the best of every cell of the image, then the second
+  // best of every cell, and so on. Valid until the next call.
+  std::span<const int> select(const Map& map, const SE3& T_cw);
+  int visible() const { return candidates_.size(); }  // points that were to be chosen from
+  int capacity() const { return selected_.capacity(); }
+
+ private:
+  struct Candidate {
+    int32_t point = -1;
+    int16_t cell = 0;
+    bool taken = false;
+    float score = 0;
+  };
+  void find_visible(const Map& map, const SE3& T_cw);
+
+  const Config& config_;
+  WorkMeter& meter_;
+  FixedVector<Candidate> candidates_;
+  FixedVector<int> selected_;
+};
+
+}  // namespace pptam
