@@ -336,15 +336,8 @@ Task Mapper::align_to_dominant_plane(bool* good) {
 
 bool Mapper::predict_in_keyframe(int keyframe, const Vector3f& p_w, PredictedPoint* predicted) const {
   const Keyframe& k = map_.keyframes()[keyframe];
-  predicted->T_cw = k.T_kw;
-  if (!config_.camera.project(k.T_kw * p_w, &predicted->px)) return false;
-  if (config_.camera.shutter.line_time_s != 0) {
-    for (int pass = 0; pass < 2; ++pass) {
-      predicted->T_cw = SE3::exp(k.velocity * config_.camera.dt_s(predicted->px)) * k.T_kw;
-      if (!config_.camera.project(predicted->T_cw * p_w, &predicted->px)) return false;
-    }
-  }
-  return config_.camera.in_image(predicted->px, kImageBorder_px);
+  return config_.camera.project_rolling(k.T_kw, k.velocity, p_w, predicted) &&
+         config_.camera.in_image(predicted->px, kImageBorder_px);
 }
 
 Task Mapper::insert_keyframe() {
