@@ -1,6 +1,6 @@
 #include "camera/full_frame_rotation.h"
 
-#include <Eigen/Cholesky>
+#include <algorithm>
 #include <cmath>
 
 namespace pptam {
@@ -16,6 +16,11 @@ constexpr float kMaxLastStep_rad = 4e-3f;  // of what ran out of iterations: 0.1
 constexpr float kHuber_grey = 8.0f;        // moving objects and borders, against 1-2 grey levels of noise
 constexpr float kMaxResidual_grey = 25.0f;
 constexpr float kMinGain = 0.4f;  // beyond it the two images do not show the same thing
+
+constexpr float kGainPull = 10.0f;
+constexpr float kMaxStep_rad = 0.5f;        // more comes from garbage
+constexpr float kMinPivot = 1e-5f;          // a hundred times float32's rounding
+constexpr float kLeastInformation = 1e-3f;  // of a rotation, grey^2/rad^2: no texture at all
 
 constexpr int16_t kOutside = INT16_MIN;
 constexpr int kUnit = 16;  // of warped grey levels
@@ -77,114 +82,132 @@ RotationEstimate FullFrameRotation::estimate(const GreyView& previous, const Gre
                                              const Vector3f& t_over_depth) {
   PPTAM_ASSERT(previous.width == width_ && previous.height == height_);
   PPTAM_ASSERT(current.width == width_ && current.height == height_);
-  using Matrix7f = Eigen::Matrix<float, 7, 7>;
-  using Vector7f = Eigen::Matrix<float, 7, 1>;
-  RotationEstimate result;
-  result.R_cp = R_start;
-  // I_c(project(R exp(omega) x + t/d)) = gain(x) I_p(x) + offset, over the interior pixels of the previous image. The
-  // gain is a plane: when the camera turns, a point moves to where vignetting darkens it differently. (One gain for all
-  // pixels: 0.46 degrees rms off in place of 0.10, at up to 60 degrees/s with natural vignetting.)
-  float gain = 1, gain_x = 0, gain_y = 0, offset = 0;
+  previous_ = previous;
+  current_ = current;
+  t_over_depth_ = t_over_depth;
+  gain_ = Gain();
+  result_ = RotationEstimate();
+  result_.R_cp = R_start;
+  RobustFit<FullFrameRotation> fit;
+  fit.run(*this, height_);
+  result_.iterations = fit.iterations();
+  return result_;
+}
+
+bool FullFrameRotation::errors(int) {
+  warp(current_, result_.R_cp, t_over_depth_);
+  return true;
+}
+
+void FullFrameRotation::scale() {
+  equations_.clear();
+  cost_ = 0;
+  count_ = 0;
+}
+
+void FullFrameRotation::sum(int from, int to) {
+  for (int y = std::max(from, 1); y < std::min(to, height_ - 1); ++y) sum_row(y);
+}
+
+// Of one image row: sums of w u u^T and w u e, u = (J, -I, -1, -I x, -I y). Single variables, to stay in registers.
+void FullFrameRotation::sum_row(int y) {
+  const uint8_t* I_p = previous_.row(y);
+  const int stride = previous_.stride;
   const float x_middle = 0.5f * static_cast<float>(width_ - 1), y_middle = 0.5f * static_cast<float>(height_ - 1);
   const float unit = 2.0f / static_cast<float>(width_ + height_);  // makes coordinates of order 1
-  for (int iteration = 0; iteration < kMaxIterations; ++iteration) {
-    warp(current, result.R_cp, t_over_depth);
-    Matrix7f A = Matrix7f::Zero();  // lower triangle, for (omega, gain, offset, gain_x, gain_y)
-    Vector7f b = Vector7f::Zero();
-    float cost = 0;
-    int count = 0;
-    for (int y = 1; y + 1 < height_; ++y) {
-      const uint8_t* I_p = previous.row(y);
-      const int stride = previous.stride;
-      const float ys = unit * (static_cast<float>(y) - y_middle);
-      const float row_gain = gain + gain_y * ys;
-      // Of this row: sums of w u u^T and w u e, u = (J, -I, -1, -I x). Single variables, to stay in registers.
-      float J0_J0 = 0, J1_J0 = 0, J1_J1 = 0, J2_J0 = 0, J2_J1 = 0, J2_J2 = 0;
-      float J0_I = 0, J1_I = 0, J2_I = 0, J0_1 = 0, J1_1 = 0, J2_1 = 0, J0_X = 0, J1_X = 0, J2_X = 0;
-      float I_I = 0, I_1 = 0, I_X = 0, w_1 = 0, X_1 = 0, X_X = 0;
-      float J0_e = 0, J1_e = 0, J2_e = 0, I_e = 0, e_1 = 0, X_e = 0;
-      for (int x = 1; x + 1 < width_; ++x) {
-        const int i = y * width_ + x;
-        const int16_t* I_w = warped_.data() + i;
-        const int16_t left = I_w[-1], right = I_w[1], above = I_w[-width_], below = I_w[width_];
-        if (I_w[0] == kOutside || left == kOutside || right == kOutside || above == kOutside || below == kOutside)
-          continue;
-        const float xs = unit * (static_cast<float>(x) - x_middle);
-        const float pixel_gain = row_gain + gain_x * xs;
-        // J = (grad I_p + grad I_warped) / 2 * d(pixel)/d(omega) [phone 4]; the warped image's gradient is in the
-        // previous camera's pixels too. Central differences halved, and the two images' mean: a quarter.
-        constexpr float kWarped = 0.25f / kUnit;
-        const float dx = kWarped * static_cast<float>(right - left) +
-                         0.25f * pixel_gain * static_cast<float>(I_p[x + 1] - I_p[x - 1]);
-        const float dy = kWarped * static_cast<float>(below - above) +
-                         0.25f * pixel_gain * static_cast<float>(I_p[x + stride] - I_p[x - stride]);
-        const Matrix23f& J_px_w = pixels_[i].J_px_w;
-        const float J0 = dx * J_px_w(0, 0) + dy * J_px_w(1, 0);
-        const float J1 = dx * J_px_w(0, 1) + dy * J_px_w(1, 1);
-        const float J2 = dx * J_px_w(0, 2) + dy * J_px_w(1, 2);
-        const auto I = static_cast<float>(I_p[x]);
-        const float e = static_cast<float>(I_w[0]) * (1.0f / kUnit) - (pixel_gain * I + offset);
-        const float abs_e = std::abs(e);
-        const float w = abs_e <= kHuber_grey ? 1.0f : kHuber_grey / abs_e;
-        const float X = I * xs;
-        const float wJ0 = w * J0, wJ1 = w * J1, wJ2 = w * J2, wI = w * I, wX = w * X, we = w * e;
-        J0_J0 += wJ0 * J0, J1_J0 += wJ1 * J0, J1_J1 += wJ1 * J1;
-        J2_J0 += wJ2 * J0, J2_J1 += wJ2 * J1, J2_J2 += wJ2 * J2;
-        J0_I += wJ0 * I, J1_I += wJ1 * I, J2_I += wJ2 * I;
-        J0_1 += wJ0, J1_1 += wJ1, J2_1 += wJ2;
-        J0_X += wJ0 * X, J1_X += wJ1 * X, J2_X += wJ2 * X;
-        I_I += wI * I, I_1 += wI, I_X += wI * X, w_1 += w, X_1 += wX, X_X += wX * X;
-        J0_e += wJ0 * e, J1_e += wJ1 * e, J2_e += wJ2 * e, I_e += wI * e, e_1 += we, X_e += wX * e;
-        cost += we * e;
-        ++count;
-      }
-      // The last parameter's u is -I y, y the same along the row.
-      const float row[7][7] = {{J0_J0},
-                               {J1_J0, J1_J1},
-                               {J2_J0, J2_J1, J2_J2},
-                               {-J0_I, -J1_I, -J2_I, I_I},
-                               {-J0_1, -J1_1, -J2_1, I_1, w_1},
-                               {-J0_X, -J1_X, -J2_X, I_X, X_1, X_X},
-                               {-J0_I * ys, -J1_I * ys, -J2_I * ys, I_I * ys, I_1 * ys, I_X * ys, I_I * ys * ys}};
-      const float row_e[7] = {-J0_e, -J1_e, -J2_e, I_e, e_1, X_e, I_e * ys};
-#pragma GCC unroll 7
-      for (int j = 0; j < 7; ++j) {
-#pragma GCC unroll 7
-        for (int k = 0; k <= j; ++k) A(j, k) += row[j][k];
-        b(j) += row_e[j];
-      }
-    }
-    result.iterations = iteration + 1;
-    if (count < (width_ - 2) * (height_ - 2) / 3) return result;
-    result.residual = std::sqrt(cost / static_cast<float>(count));
-    // A weak pull to an even gain of 1 keeps gain and offset apart in images of little contrast.
-    constexpr float kGainPull = 10.0f;
-    const float from_even[7] = {0, 0, 0, 1.0f - gain, 0, -gain_x, -gain_y};
-    for (const int j : {3, 5, 6}) {
-      A(j, j) += kGainPull;
-      b(j) += kGainPull * from_even[j];
-    }
-    const Eigen::LDLT<Matrix7f> ldlt(A);  // reads the lower triangle
-    if (ldlt.info() != Eigen::Success || !(ldlt.vectorD().minCoeff() > 1e-3f)) return result;
-    const Vector7f step = ldlt.solve(b);
-    if (!step.allFinite() || step.head<3>().norm() > 0.5f) return result;
-    result.R_cp = result.R_cp * so3_exp(step.head<3>());
-    gain += step[3];
-    offset += step[4];
-    gain_x += step[5];
-    gain_y += step[6];
-    const float size = step.head<3>().norm();
-    if (size < kConverged_rad || iteration + 1 == kMaxIterations) {
-      const float variance = std::max(result.residual * result.residual, 1.0f);
-      const Matrix7f inverse = ldlt.solve(Matrix7f::Identity());
-      result.covariance = inverse.topLeftCorner<3, 3>() * variance;
-      result.R_cp = orthonormalised(result.R_cp);
-      result.near = result.residual < kMaxResidual_grey && gain > kMinGain && gain < 1 / kMinGain;
-      result.ok = result.near && size < kMaxLastStep_rad;
-      return result;
-    }
+  const float ys = unit * (static_cast<float>(y) - y_middle);
+  const float row_gain = gain_.gain + gain_.y * ys, gain_x = gain_.x, offset = gain_.offset;
+  float J0_J0 = 0, J1_J0 = 0, J1_J1 = 0, J2_J0 = 0, J2_J1 = 0, J2_J2 = 0;
+  float J0_I = 0, J1_I = 0, J2_I = 0, J0_1 = 0, J1_1 = 0, J2_1 = 0, J0_X = 0, J1_X = 0, J2_X = 0;
+  float I_I = 0, I_1 = 0, I_X = 0, w_1 = 0, X_1 = 0, X_X = 0;
+  float J0_e = 0, J1_e = 0, J2_e = 0, I_e = 0, e_1 = 0, X_e = 0;
+  float cost = 0;
+  for (int x = 1; x + 1 < width_; ++x) {
+    const int i = y * width_ + x;
+    const int16_t* I_w = warped_.data() + i;
+    const int16_t left = I_w[-1], right = I_w[1], above = I_w[-width_], below = I_w[width_];
+    if (I_w[0] == kOutside || left == kOutside || right == kOutside || above == kOutside || below == kOutside) continue;
+    const float xs = unit * (static_cast<float>(x) - x_middle);
+    const float pixel_gain = row_gain + gain_x * xs;
+    // J = (grad I_p + grad I_warped) / 2 * d(pixel)/d(omega) [phone 4]; the warped image's gradient is in the previous
+    // camera's pixels too. Central differences halved, and the two images' mean: a quarter.
+    constexpr float kWarped = 0.25f / kUnit;
+    const float dx =
+        kWarped * static_cast<float>(right - left) + 0.25f * pixel_gain * static_cast<float>(I_p[x + 1] - I_p[x - 1]);
+    const float dy = kWarped * static_cast<float>(below - above) +
+                     0.25f * pixel_gain * static_cast<float>(I_p[x + stride] - I_p[x - stride]);
+    const Matrix23f& J_px_w = pixels_[i].J_px_w;
+    const float J0 = dx * J_px_w(0, 0) + dy * J_px_w(1, 0);
+    const float J1 = dx * J_px_w(0, 1) + dy * J_px_w(1, 1);
+    const float J2 = dx * J_px_w(0, 2) + dy * J_px_w(1, 2);
+    const auto I = static_cast<float>(I_p[x]);
+    const float e = static_cast<float>(I_w[0]) * (1.0f / kUnit) - (pixel_gain * I + offset);
+    const float abs_e = std::abs(e);
+    const float w = abs_e <= kHuber_grey ? 1.0f : kHuber_grey / abs_e;
+    const float X = I * xs;
+    const float wJ0 = w * J0, wJ1 = w * J1, wJ2 = w * J2, wI = w * I, wX = w * X, we = w * e;
+    J0_J0 += wJ0 * J0, J1_J0 += wJ1 * J0, J1_J1 += wJ1 * J1;
+    J2_J0 += wJ2 * J0, J2_J1 += wJ2 * J1, J2_J2 += wJ2 * J2;
+    J0_I += wJ0 * I, J1_I += wJ1 * I, J2_I += wJ2 * I;
+    J0_1 += wJ0, J1_1 += wJ1, J2_1 += wJ2;
+    J0_X += wJ0 * X, J1_X += wJ1 * X, J2_X += wJ2 * X;
+    I_I += wI * I, I_1 += wI, I_X += wI * X, w_1 += w, X_1 += wX, X_X += wX * X;
+    J0_e += wJ0 * e, J1_e += wJ1 * e, J2_e += wJ2 * e, I_e += wI * e, e_1 += we, X_e += wX * e;
+    cost += we * e;
+    ++count_;
   }
-  return result;
+  cost_ += cost;
+  // The last parameter's u is -I y, y the same along the row.
+  const float row[kUnknowns][kUnknowns] = {
+      {J0_J0},
+      {J1_J0, J1_J1},
+      {J2_J0, J2_J1, J2_J2},
+      {-J0_I, -J1_I, -J2_I, I_I},
+      {-J0_1, -J1_1, -J2_1, I_1, w_1},
+      {-J0_X, -J1_X, -J2_X, I_X, X_1, X_X},
+      {-J0_I * ys, -J1_I * ys, -J2_I * ys, I_I * ys, I_1 * ys, I_X * ys, I_I * ys * ys}};
+  const float row_e[kUnknowns] = {-J0_e, -J1_e, -J2_e, I_e, e_1, X_e, I_e * ys};
+#pragma GCC unroll 7
+  for (int j = 0; j < kUnknowns; ++j) {
+#pragma GCC unroll 7
+    for (int k = 0; k <= j; ++k) equations_.A(j, k) += row[j][k];
+    equations_.b(j) += row_e[j];
+  }
+}
+
+FitStep FullFrameRotation::step(int iteration) {
+  if (count_ < (width_ - 2) * (height_ - 2) / 3) return FitStep::kFailed;
+  result_.residual = std::sqrt(cost_ / static_cast<float>(count_));
+  // A weak pull to an even gain of 1 keeps gain and offset apart in images of little contrast.
+  const float from_even[kUnknowns] = {0, 0, 0, 1.0f - gain_.gain, 0, -gain_.x, -gain_.y};
+  for (const int j : {3, 5, 6}) {
+    equations_.A(j, j) += kGainPull;
+    equations_.b(j) += kGainPull * from_even[j];
+  }
+  float x[kUnknowns];
+  if (!equations_.solve(kMinPivot, x)) return FitStep::kFailed;
+  for (int i = 0; i < 3; ++i)
+    if (!(equations_.information(i) > kLeastInformation)) return FitStep::kFailed;
+  const Vector3f turn(x[0], x[1], x[2]);
+  const float size = turn.norm();
+  if (size > kMaxStep_rad) return FitStep::kFailed;
+  result_.R_cp = result_.R_cp * so3_exp(turn);
+  gain_.gain += x[3];
+  gain_.offset += x[4];
+  gain_.x += x[5];
+  gain_.y += x[6];
+  if (!(size < kConverged_rad) && iteration + 1 < kMaxIterations) return FitStep::kAgain;
+
+  const float variance = std::max(result_.residual * result_.residual, 1.0f);
+  for (int i = 0; i < 3; ++i) {
+    float column[kUnknowns];
+    equations_.covariance_column(i, 0, column);
+    for (int j = 0; j < 3; ++j) result_.covariance(j, i) = column[j] * variance;
+  }
+  result_.R_cp = orthonormalised(result_.R_cp);
+  result_.near = result_.residual < kMaxResidual_grey && gain_.gain > kMinGain && gain_.gain < 1 / kMinGain;
+  result_.ok = result_.near && size < kMaxLastStep_rad;
+  return FitStep::kConverged;
 }
 
 }  // namespace pptam

@@ -8,6 +8,7 @@
 
 #include "base/containers.h"
 #include "camera/camera_model.h"
+#include "geometry/normal_equations.h"
 #include "image/pyramid.h"
 
 namespace pptam {
@@ -31,16 +32,42 @@ class FullFrameRotation {
                             const Vector3f& t_over_depth);
 
  private:
+  friend class RobustFit<FullFrameRotation>;
   struct Pixel {       // of the small image
     Vector2f ray;      // (x/z, y/z)
     Matrix23f J_px_w;  // small-image pixels per radian of omega, p <- exp(omega) p
   };
+  // I_c(project(R exp(omega) x + t/d)) = gain(x) I_p(x) + offset, over the interior pixels of the previous image. The
+  // gain is a plane: when the camera turns, a point moves to where vignetting darkens it differently. (One gain for all
+  // pixels: 0.46 degrees rms off in place of 0.10, at up to 60 degrees/s with natural vignetting.)
+  struct Gain {
+    float gain = 1, x = 0, y = 0, offset = 0;
+  };
+  static constexpr int kUnknowns = 7;  // omega, gain, offset, gain_x, gain_y
+
+  // What RobustFit asks for. Its residuals are the image's rows.
+  bool errors(int iteration);
+  void scale();
+  int residuals() const { return height_; }
+  void sum(int from, int to);
+  FitStep step(int iteration);
+
   void warp(const GreyView& current, const Matrix3f& R_cp, const Vector3f& t_over_depth);
+  void sum_row(int y);
 
   CameraModel camera_;
   int width_, height_;
   FixedVector<Pixel> pixels_;
   FixedVector<int16_t> warped_;  // the current image as the previous camera would see it, 1/16 grey; kOutside elsewhere
+
+  // Of the present estimate.
+  GreyView previous_, current_;
+  Vector3f t_over_depth_;
+  Gain gain_;
+  NormalEquations<kUnknowns> equations_;
+  float cost_ = 0;
+  int count_ = 0;  // pixels
+  RotationEstimate result_;
 };
 
 }  // namespace pptam

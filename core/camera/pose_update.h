@@ -15,6 +15,7 @@
 #include "base/containers.h"
 #include "base/work_meter.h"
 #include "camera/camera.h"
+#include "geometry/normal_equations.h"
 
 namespace pptam {
 
@@ -27,9 +28,9 @@ struct PoseRow {
   float depth;         // world units; 0: not to be counted in the scene's mean
   float weight = 0;    // result: final Tukey weight, 0 for outliers
   float error_sq = 0;  // result: |e|^2
-  bool valid;          // could be predicted
+  uint8_t components;  // 2 or 1; 0: it could not be predicted
 
-  // Of map point p_w found at `found`; not valid when it does not project.
+  // Of map point p_w found at `found`; no components when it does not project.
   void set_point(const Camera& camera, const SE3& T_cw, const Vector6f& velocity, const Vector3f& p_w,
                  const ImagePoint& found);
 };
@@ -38,7 +39,7 @@ struct PoseRow {
 class PoseRows {
  public:
   virtual int count() const = 0;
-  // Fills J, e_0, dt_s, depth and valid of count() rows, always the same residuals in the same order.
+  // Fills J, e_0, dt_s, depth and components of count() rows, always the same residuals in the same order.
   virtual void linearise(const SE3& T_cw, const Vector6f& velocity, std::span<PoseRow> rows) const = 0;
 
  protected:
@@ -83,9 +84,10 @@ struct PoseUpdate {
   SE3 T_cw;
   Vector6f velocity = Vector6f::Zero();
   Matrix6f covariance = Matrix6f::Zero();  // of mu in T_cw <- exp(mu) T_cw, velocity marginalised
-  float sigma = 0;                         // robust scale: 1-sigma of a component, in units of the rows' sigma
-  float cost = 0;                          // sum of Tukey costs at that scale, floor as given
-  int inliers = 0;                         // rows of non-zero weight
+  // Robust scale: 1-sigma of a component, in units of the rows' sigma; of rows of two components if there are any.
+  float sigma = 0;
+  float cost = 0;   // sum of Tukey costs at that scale, floor as given
+  int inliers = 0;  // rows of non-zero weight
   bool ok = false;  // at least 6 inliers and a well-conditioned system; otherwise T_cw is the start
 };
 
@@ -119,20 +121,26 @@ class PoseUpdater {
   }
 
  private:
-  static constexpr int kSummedAtOnce = 64;  // rows
+  friend class RobustFit<PoseUpdater>;
+  static constexpr int kUnknowns = 12;  // the velocity comes first, then the pose; or the pose alone
   // Sums over the rows of w J^T J and w J^T e, upper triangles row by row, with the factors 1, dt and dt^2.
   struct Sums {
     float A[21], A_dt[21], A_dt2[21];
     float b[6], b_dt[6];
     void add(const PoseRow& row, float weight);
   };
-  enum class Piece : uint8_t { kErrors, kScale, kSums, kEnd };
-  // Each returns what comes next.
-  Piece linearise();
-  Piece follow();
-  Piece estimate_scale();
-  Piece sum_up();
-  Piece solve();
+  // What RobustFit asks for.
+  bool errors(int iteration);
+  void scale();
+  int residuals() const { return rows_.size(); }
+  void sum(int from, int to);
+  FitStep step(int iteration);
+
+  bool linearise();
+  void follow();
+  void fill_equations(int unknowns);
+  void finish(int unknowns);
+  float sigma_of(int components);
 
   WorkMeter& meter_;
   const bool rolling_shutter_;
@@ -143,11 +151,11 @@ class PoseUpdater {
   VelocityPrior prior_;
   bool velocity_free_ = false;
 
-  Piece next_ = Piece::kEnd;
-  int iteration_ = 0;
-  bool full_ = false;     // this iteration's errors are exact
-  bool confirm_ = false;  // the last step was small, but taken from errors that are not
-  int summed_ = 0;        // rows
+  RobustFit<PoseUpdater> fit_;
+  NormalEquations<kUnknowns> equations_;
+  bool full_ = false;       // this iteration's errors are exact
+  bool confirm_ = false;    // the last step was small, but taken from errors that are not
+  float scalar_sigma_ = 0;  // as PoseUpdate::sigma, of rows of one component
   float mean_depth_ = 1;
   SE3 T_;                   // at the last linearisation
   Vector6f velocity_;       // at the last linearisation

@@ -1,7 +1,11 @@
 #include "geometry/homography.h"
 
+#include <algorithm>
 #include <cmath>
 #include <utility>
+
+#include "geometry/normal_equations.h"
+#include "geometry/robust.h"
 
 namespace pptam {
 namespace {
@@ -251,6 +255,91 @@ DecompositionQuality decomposition_quality(const PlaneMotion& motion, std::span<
   quality.eigenvalue_ratio = smallest / greatest;
   if (sigma_n < quality.sigma_n_rad) quality.sigma_n_rad = sigma_n;
   return quality;
+}
+
+namespace {
+
+struct SlFit {
+  static constexpr int kUnknowns = 8;
+  static constexpr int kMostIterations = 10;
+  static constexpr int kMinInliers = 14;
+  static constexpr float kMinDepth = 0.1f;    // homogeneous coordinate of a point that H can still be judged by
+  static constexpr float kMinPivot = 1e-6f;   // ten times float32's rounding
+  static constexpr float kMaxStep = 1.0f;     // of a parameter of order 1: more comes from garbage
+  static constexpr float kConverged = 1e-5f;  // 0.004 px on the phone
+
+  std::span<const Correspondence> correspondences;
+  std::span<float> weights, squared;
+  float scale_factor;  // 1 / expected_sigma
+  HomographyFit result;
+  NormalEquations<kUnknowns> equations;
+  Tukey tukey{1};
+  size_t usable_count = 0;
+  int inliers = 0;
+
+  bool usable(const Correspondence& c) const { return homography_depth(result.H, c.x1) > kMinDepth; }
+
+  bool errors(int) {
+    ++result.iterations;
+    size_t count = 0;
+    for (const Correspondence& c : correspondences)
+      if (usable(c)) squared[count++] = (scale_factor * (c.x2 - apply_homography(result.H, c.x1))).squaredNorm();
+    usable_count = count;
+    return count >= kMinInliers;
+  }
+  void scale() {
+    result.sigma = std::max(robust_sigma(squared.first(usable_count)), kRobustSigmaFloor);
+    tukey = Tukey(result.sigma);
+    equations.clear();
+    inliers = 0;
+  }
+  int residuals() const { return static_cast<int>(correspondences.size()); }
+  void sum(int from, int to) {
+    for (auto i = static_cast<size_t>(from); i < static_cast<size_t>(to); ++i) {
+      const Correspondence& c = correspondences[i];
+      weights[i] = 0;
+      if (!usable(c)) continue;
+      const Vector2f y = apply_homography(result.H, c.x1);
+      const Vector2f e = scale_factor * (c.x2 - y);
+      weights[i] = tukey.weight(e.squaredNorm());
+      if (weights[i] == 0) continue;
+      ++inliers;
+      const Eigen::Matrix<float, 2, 8> J = homography_sl3_jacobian(y);
+      for (int row = 0; row < 2; ++row) {
+        float J_row[kUnknowns];
+        for (int k = 0; k < kUnknowns; ++k) J_row[k] = scale_factor * J(row, k);
+        equations.add(J_row, e[row], weights[i]);
+      }
+    }
+  }
+  FitStep step(int iteration) {
+    if (inliers < kMinInliers) return FitStep::kFailed;
+    Vector8f x;
+    if (!equations.solve(kMinPivot, x.data())) return FitStep::kFailed;
+    const float size = x.norm();
+    if (size > kMaxStep) return FitStep::kFailed;
+    result.H = sl3_exp(x) * result.H;
+    return size < kConverged || iteration + 1 == kMostIterations ? FitStep::kConverged : FitStep::kAgain;
+  }
+};
+
+}  // namespace
+
+HomographyFit fit_homography(std::span<const Correspondence> correspondences, const Matrix3f& H_start,
+                             float expected_sigma, std::span<float> weights, std::span<float> scratch) {
+  SlFit fit;
+  fit.correspondences = correspondences;
+  fit.weights = weights;
+  fit.squared = scratch;
+  fit.scale_factor = 1 / expected_sigma;
+  fit.result.H = H_start;
+  std::fill(weights.begin(), weights.end(), 0.0f);
+  RobustFit<SlFit> loop;
+  fit.result.ok = loop.run(fit, static_cast<int>(correspondences.size()));
+  if (!fit.result.ok) return fit.result;
+  fit.result.H = normalised_sl3(fit.result.H);
+  fit.result.ok = fit.result.H.allFinite();
+  return fit.result;
 }
 
 }  // namespace pptam

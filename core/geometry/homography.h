@@ -29,6 +29,18 @@ Matrix2f homography_point_jacobian(const Matrix3f& H, const Vector2f& x);
 // d(exp(e) H x)/d(e) at e = 0, 2x8, where y = apply_homography(H, x) (generators as in sl3_exp).
 Eigen::Matrix<float, 2, 8> homography_sl3_jacobian(const Vector2f& y);
 
+struct HomographyFit {
+  Matrix3f H = Matrix3f::Identity();  // determinant 1
+  float sigma = 0;                    // robust scale: 1-sigma of a coordinate, in units of expected_sigma
+  int iterations = 0;                 // made: what the work meter charges
+  bool ok = false;                    // at least 14 inliers, and all of the eight directions seen
+};
+// Robust fit of H to x_2 ~ H x_1 by Gauss-Newton with left-multiplied sl(3) updates, from H_start [phone 5.1].
+// expected_sigma: of a coordinate of x_2, normalised units. weights: final Tukey weight of each correspondence.
+// scratch: as long as these.
+HomographyFit fit_homography(std::span<const Correspondence> correspondences, const Matrix3f& H_start,
+                             float expected_sigma, std::span<float> weights, std::span<float> scratch);
+
 struct PlaneMotion {
   SE3 T_21;                          // translation in units of the plane's distance: t / d
   Vector3f n_1 = Vector3f::UnitZ();  // plane n_1 . p_1 = 1 in those units

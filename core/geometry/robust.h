@@ -1,6 +1,7 @@
-// The Tukey biweight and its scale [ptam 5.4].
+// The Tukey biweight and its scale [ptam 5.4], for residuals of one component or two.
 //
-// Residuals are 2-D image errors divided by their level's sigma; e2 is their squared norm.
+// e2 is a residual's squared norm, in units of its expected sigma: for image points errors divided by their level's
+// sigma, for edges distances along the normal.
 #pragma once
 
 #include <algorithm>
@@ -9,36 +10,59 @@
 
 namespace pptam {
 
-// Cut-off in units of sigma: 95 % efficient for two-dimensional Gaussian residuals.
+// Cut-off in units of sigma: 95 % efficient for Gaussian residuals of two components.
 constexpr float kTukeyCutoff = 5.12f;
+// The same for residuals of one component.
+constexpr float kTukeyCutoff1d = 4.685f;
 
 // Smallest scale that residuals may show, in units of their level's sigma (2^level px): no less than what sub-pixel
 // refinement adds (0.02 to 0.12 by contrast, tests/kernels), so that a few perfect points do not reject all others.
 constexpr float kRobustSigmaFloor = 0.15f;
 
-// sigma of one coordinate from the median of squared 2-D norms: median(|e|^2) = 2 ln 2 sigma^2, sqrt(2 ln 2) = 1.1774.
-// Reorders values. 0 when empty.
+// Median of the values, the larger of the two in the middle; reorders them. 0 when empty.
+inline float median_of(std::span<float> values) {
+  if (values.empty()) return 0.0f;
+  auto middle = values.begin() + static_cast<long>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+// sigma of a component from the median of squared norms. Two components: median(|e|^2) = 2 ln 2 sigma^2,
+// sqrt(2 ln 2) = 1.1774; one: median(|e|) = 0.6745 sigma. Reorders values. 0 when empty.
 inline float robust_sigma(std::span<float> squared_norms) {
-  if (squared_norms.empty()) return 0.0f;
-  auto middle = squared_norms.begin() + static_cast<long>(squared_norms.size() / 2);
-  std::nth_element(squared_norms.begin(), middle, squared_norms.end());
-  return std::sqrt(*middle) / 1.1774f;
+  return std::sqrt(median_of(squared_norms)) / 1.1774f;
+}
+inline float robust_sigma_1d(std::span<float> squared_norms) {
+  return std::sqrt(median_of(squared_norms)) * 1.4826f;
 }
 
-// Weight (1 - e2/c2)^2 within the cut-off c = kTukeyCutoff * sigma, 0 outside.
+// The biweight at one scale.
+class Tukey {
+ public:
+  explicit Tukey(float sigma, float cutoff = kTukeyCutoff) : cutoff_sq_(cutoff * cutoff * sigma * sigma) {}
+  // (1 - e2/c2)^2 within the cut-off c, 0 outside.
+  float weight(float e2) const {
+    if (!(e2 < cutoff_sq_)) return 0.0f;
+    const float a = 1.0f - e2 / cutoff_sq_;
+    return a * a;
+  }
+  // Objective c2/6 (1 - (1 - e2/c2)^3), saturating at c2/6; its derivative with respect to e2 is half the weight.
+  float cost(float e2) const {
+    if (!(e2 < cutoff_sq_)) return saturated();
+    const float a = 1.0f - e2 / cutoff_sq_;
+    return cutoff_sq_ / 6.0f * (1.0f - a * a * a);
+  }
+  float saturated() const { return cutoff_sq_ / 6.0f; }
+
+ private:
+  float cutoff_sq_;
+};
+
 inline float tukey_weight(float e2, float sigma) {
-  const float c2 = kTukeyCutoff * kTukeyCutoff * sigma * sigma;
-  if (!(e2 < c2)) return 0.0f;
-  const float a = 1.0f - e2 / c2;
-  return a * a;
+  return Tukey(sigma).weight(e2);
 }
-
-// Objective c2/6 (1 - (1 - e2/c2)^3), saturating at c2/6; its derivative with respect to e2 is half the weight.
 inline float tukey_cost(float e2, float sigma) {
-  const float c2 = kTukeyCutoff * kTukeyCutoff * sigma * sigma;
-  if (!(e2 < c2)) return c2 / 6.0f;
-  const float a = 1.0f - e2 / c2;
-  return c2 / 6.0f * (1.0f - a * a * a);
+  return Tukey(sigma).cost(e2);
 }
 
 }  // namespace pptam

@@ -1,10 +1,11 @@
 #include "geometry/two_view.h"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 
 #include "base/deterministic_math.h"
+#include "geometry/normal_equations.h"
+#include "geometry/robust.h"
 
 namespace pptam {
 
@@ -70,10 +71,11 @@ bool triangulate(const SE3& T_21, const Vector2f& x1, const Vector2f& x2, float 
 
 namespace {
 
-// Tukey cut-off for one-dimensional residuals, 95 % efficient, and the median's factor to sigma.
-constexpr float kCutoff1d = 4.685f;
-constexpr float kMedianToSigma = 1.4826f;
+constexpr float kMaxStep = 0.5f;         // radians: far from the minimum the linearisation is worthless
 constexpr float kConverged_rad = 1e-5f;  // step in rotation and direction: under 0.01 px at a focal length of 1000
+constexpr float kMinPivot = 1e-7f;       // float32's rounding: five unknowns are often barely known
+constexpr int kMinInliers = 8;
+constexpr float kLeastGradient_sq = 1e-20f;  // of an epipolar distance, under which a point says nothing
 
 // Depths of the midpoint between both rays have the same signs as those of the true point.
 bool in_front(const SE3& T_21, const Correspondence& c) {
@@ -85,107 +87,128 @@ bool in_front(const SE3& T_21, const Correspondence& c) {
   return det > 0 && ab * bt - bb * at > 0 && aa * bt - ab * at > 0;
 }
 
+// Rotation and the direction of the translation, from Sampson distances.
+struct EpipolarFit {
+  static constexpr int kUnknowns = 5;
+  std::span<const Correspondence> correspondences;
+  std::span<float> squared;
+  int steps;
+  float sigma_floor;
+  Matrix3f R;
+  Vector3f t;  // unit
+  RelativePose result;
+
+  Matrix3f E;
+  Vector3f u, v;  // tangents of the sphere at t
+  NormalEquations<kUnknowns> equations;
+  Tukey tukey{1};
+  int inliers = 0;
+  float cost = 0;
+  bool moved_little = false;
+
+  // *gradient: 1 / |d(x2^T E x1)/d(x)|, which makes it a distance.
+  float distance(const Correspondence& c, float* gradient) const {
+    const Vector3f l2 = E * c.x1.homogeneous();
+    const Vector3f l1 = E.transpose() * c.x2.homogeneous();
+    const float gradient_sq = l2.head<2>().squaredNorm() + l1.head<2>().squaredNorm();
+    *gradient = gradient_sq > kLeastGradient_sq ? 1.0f / std::sqrt(gradient_sq) : 0.0f;
+    return c.x2.homogeneous().dot(l2) * *gradient;
+  }
+
+  bool errors(int) {
+    ++result.steps;
+    const Vector3f axis = std::abs(t.x()) < 0.7f ? Vector3f::UnitX() : Vector3f::UnitY();
+    u = t.cross(axis).normalized();
+    v = t.cross(u);
+    E = hat(t) * R;
+    for (size_t i = 0; i < correspondences.size(); ++i) {
+      float gradient;
+      const float e = distance(correspondences[i], &gradient);
+      squared[i] = e * e;
+    }
+    return true;
+  }
+  void scale() {
+    result.sigma = robust_sigma_1d(squared);
+    tukey = Tukey(std::max(result.sigma, sigma_floor), kTukeyCutoff1d);
+    equations.clear();
+    inliers = 0;
+    cost = 0;
+  }
+  int residuals() const { return static_cast<int>(correspondences.size()); }
+  void sum(int from, int to) {
+    for (int i = from; i < to; ++i) {
+      const Correspondence& c = correspondences[static_cast<size_t>(i)];
+      float gradient;
+      const float e = distance(c, &gradient);
+      const float weight = tukey.weight(e * e);
+      cost += tukey.cost(e * e);
+      if (weight == 0) continue;
+      ++inliers;
+      // e = x2 . (t x a), a = R x1; de/dt = a x x2, de/dw = a x (x2 x t); the gradient's derivative is of second order.
+      const Vector3f a = R * c.x1.homogeneous();
+      const Vector3f x2 = c.x2.homogeneous();
+      const Vector3f de_dt = a.cross(x2) * gradient;
+      const Vector3f de_dw = a.cross(x2.cross(t)) * gradient;
+      // The distance is predicted, zero is measured.
+      equations.add({de_dw.x(), de_dw.y(), de_dw.z(), de_dt.dot(u), de_dt.dot(v)}, -e, weight);
+    }
+  }
+  FitStep step(int iteration) {
+    const float noise = std::max(result.sigma, sigma_floor);
+    result.cost = cost / (noise * noise);
+    if (inliers < kMinInliers) return FitStep::kFailed;
+    float x[kUnknowns];
+    if (!equations.solve(kMinPivot, x)) return FitStep::kFailed;
+    if (iteration == steps || moved_little) {
+      float c[kUnknowns];
+      equations.covariance_column(3, 0, c);
+      const float c_33 = c[3], c_43 = c[4];
+      equations.covariance_column(4, 0, c);
+      const float half = 0.5f * (c_33 + c[4]), difference = 0.5f * (c_33 - c[4]);
+      result.sigma_t_rad = noise * std::sqrt(half + std::sqrt(difference * difference + c_43 * c_43));
+      return FitStep::kConverged;
+    }
+    const Vector3f turn(x[0], x[1], x[2]);
+    const float size = std::sqrt(turn.squaredNorm() + x[3] * x[3] + x[4] * x[4]);
+    const float bound = size > kMaxStep ? kMaxStep / size : 1.0f;
+    R = orthonormalised(so3_exp(bound * turn) * R);
+    t = (t + bound * (x[3] * u + x[4] * v)).normalized();
+    moved_little = size < kConverged_rad;
+    return FitStep::kAgain;
+  }
+};
+
 }  // namespace
 
 RelativePose refine_relative_pose(std::span<const Correspondence> correspondences, const SE3& T_start, int steps,
                                   float sigma_floor, std::span<float> scratch) {
-  using Matrix5f = Eigen::Matrix<float, 5, 5>;
-  using Vector5f = Eigen::Matrix<float, 5, 1>;
-  RelativePose result;
-  result.T_21 = T_start;
+  EpipolarFit fit;
+  fit.result.T_21 = T_start;
   const float norm = T_start.t.norm();
   const size_t count = std::min(correspondences.size(), scratch.size());
-  if (!(norm > 0) || count < 8) return result;
-  Matrix3f R = T_start.R;
-  Vector3f t = T_start.t / norm;
-  bool converged = false;
-  for (int step = 0;; ++step) {
-    ++result.steps;
-    // Tangents of the sphere at t.
-    const Vector3f axis = std::abs(t.x()) < 0.7f ? Vector3f::UnitX() : Vector3f::UnitY();
-    const Vector3f u = t.cross(axis).normalized();
-    const Vector3f v = t.cross(u);
-    const Matrix3f E = hat(t) * R;
-    const auto distance = [&E](const Correspondence& c, float* scale) {
-      const Vector3f l2 = E * c.x1.homogeneous();
-      const Vector3f l1 = E.transpose() * c.x2.homogeneous();
-      const float gradient_sq = l2.head<2>().squaredNorm() + l1.head<2>().squaredNorm();
-      *scale = gradient_sq > 1e-20f ? 1.0f / std::sqrt(gradient_sq) : 0.0f;
-      return c.x2.homogeneous().dot(l2) * *scale;
-    };
-    for (size_t i = 0; i < count; ++i) {
-      float scale;
-      scratch[i] = std::abs(distance(correspondences[i], &scale));
-    }
-    const auto middle = scratch.begin() + static_cast<long>(count / 2);
-    std::nth_element(scratch.begin(), middle, scratch.begin() + static_cast<long>(count));
-    result.sigma = kMedianToSigma * *middle;
-    const float cutoff = kCutoff1d * std::max(result.sigma, sigma_floor);
-    const float cutoff_sq = cutoff * cutoff;
-    Matrix5f A = Matrix5f::Zero();
-    Vector5f b = Vector5f::Zero();
-    float cost = 0;
-    int inliers = 0;
-    for (size_t i = 0; i < count; ++i) {
-      const Correspondence& c = correspondences[i];
-      float scale;
-      const float e = distance(c, &scale);
-      const float a_sq = 1.0f - e * e / cutoff_sq;
-      cost += a_sq > 0 ? 1.0f - a_sq * a_sq * a_sq : 1.0f;
-      if (!(a_sq > 0)) continue;
-      ++inliers;
-      const float weight = a_sq * a_sq;
-      // e = x2 . (t x a), a = R x1; de/dt = a x x2, de/dw = a x (x2 x t); the scale's derivative is of second order.
-      const Vector3f a = R * c.x1.homogeneous();
-      const Vector3f x2 = c.x2.homogeneous();
-      const Vector3f de_dt = a.cross(x2) * scale;
-      const Vector3f de_dw = a.cross(x2.cross(t)) * scale;
-      Vector5f J;
-      J << de_dw, de_dt.dot(u), de_dt.dot(v);
-      A += (weight * J) * J.transpose();
-      b -= (weight * e) * J;
-    }
-    result.cost = cost * kCutoff1d * kCutoff1d / 6.0f;
-    if (inliers < 8) return result;
-    if (!(A.diagonal().minCoeff() > 0)) return result;
-    const Vector5f unit = A.diagonal().cwiseSqrt().cwiseInverse();
-    A = (unit.asDiagonal() * A * unit.asDiagonal()).eval();
-    const Eigen::LDLT<Matrix5f> ldlt(A);
-    if (ldlt.info() != Eigen::Success || !(ldlt.vectorD().minCoeff() > 1e-7f)) return result;
-    if (step == steps || converged) {
-      const float noise = std::max(result.sigma, sigma_floor);
-      const Matrix5f inverse = ldlt.solve(Matrix5f::Identity());
-      Matrix2f covariance = inverse.bottomRightCorner<2, 2>();
-      covariance = (unit.tail<2>().asDiagonal() * covariance * unit.tail<2>().asDiagonal()).eval() * noise * noise;
-      const float half = 0.5f * (covariance(0, 0) + covariance(1, 1));
-      const float difference = 0.5f * (covariance(0, 0) - covariance(1, 1));
-      result.sigma_t_rad = std::sqrt(half + std::sqrt(difference * difference + covariance(0, 1) * covariance(0, 1)));
-      break;
-    }
-    const Vector5f delta = unit.cwiseProduct(ldlt.solve(unit.cwiseProduct(b)));
-    if (!delta.allFinite()) return result;
-    // Half a radian at most: far from the minimum the linearisation is worthless.
-    const float size = delta.norm();
-    const Vector5f bounded = size > 0.5f ? Vector5f(delta * (0.5f / size)) : delta;
-    R = orthonormalised(so3_exp(bounded.head<3>()) * R);
-    t = (t + bounded[3] * u + bounded[4] * v).normalized();
-    converged = size < kConverged_rad;
-  }
+  if (!(norm > 0) || count < kMinInliers) return fit.result;
+  fit.correspondences = correspondences.first(count);
+  fit.squared = scratch.first(count);
+  fit.steps = steps;
+  fit.sigma_floor = sigma_floor;
+  fit.R = T_start.R;
+  fit.t = T_start.t / norm;
+  RobustFit<EpipolarFit> loop;
+  if (!loop.run(fit, static_cast<int>(count))) return fit.result;
+
+  RelativePose result = fit.result;
   int front = 0, behind = 0;
-  for (size_t i = 0; i < count; ++i) {
-    float scale;
-    const Vector3f l2 = hat(t) * (R * correspondences[i].x1.homogeneous());
-    const Vector3f l1 = R.transpose() * (hat(t).transpose() * correspondences[i].x2.homogeneous());
-    scale = l2.head<2>().squaredNorm() + l1.head<2>().squaredNorm();
-    const float e = correspondences[i].x2.homogeneous().dot(l2);
-    const float cutoff = kCutoff1d * std::max(result.sigma, sigma_floor);
-    if (!(e * e < cutoff * cutoff * scale)) continue;
-    front += in_front({R, t}, correspondences[i]);
-    behind += in_front({R, -t}, correspondences[i]);
+  for (const Correspondence& c : fit.correspondences) {
+    float gradient;
+    const float e = fit.distance(c, &gradient);
+    if (!(fit.tukey.weight(e * e) > 0)) continue;
+    front += in_front({fit.R, fit.t}, c);
+    behind += in_front({fit.R, -fit.t}, c);
   }
-  result.T_21 = front >= behind ? SE3(R, t) : SE3(R, -t);
+  result.T_21 = front >= behind ? SE3(fit.R, fit.t) : SE3(fit.R, -fit.t);
   result.inliers = std::max(front, behind);
-  result.ok = result.inliers >= 8 && result.T_21.R.allFinite() && result.T_21.t.allFinite() &&
+  result.ok = result.inliers >= kMinInliers && result.T_21.R.allFinite() && result.T_21.t.allFinite() &&
               std::isfinite(result.sigma_t_rad);
   return result;
 }

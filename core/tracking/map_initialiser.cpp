@@ -21,7 +21,6 @@ constexpr float kMaxStartSpeed = 0.6f;
 constexpr float kMinFoundFraction = 0.3f;  // of the points expected in the image
 constexpr int kMinInliers = 14;
 constexpr int kMaxBadFrames = 5;
-constexpr int kFitIterations = 10;
 // All measurements count as of this level, those of blurred frames too: stage 2 compares costs in one unit.
 constexpr uint8_t kLevel = 1;
 constexpr float kSigma_px = 2.0f;  // their expected standard deviation, before sub-pixel refinement
@@ -106,6 +105,7 @@ MapInitialiser::MapInitialiser(Arena& arena, const Config& config, WorkMeter& me
       pose_points_(arena, kMaxPosePoints),
       pose_(arena, kMaxPosePoints, config.camera.shutter.line_time_s != 0, meter),
       squared_(arena, config.max_initial_points),
+      weights_(arena, config.max_initial_points),
       correspondences_(arena, config.max_initial_points),
       inlier_rays_(arena, config.max_initial_points),
       observed_(arena, config.max_initial_points) {
@@ -270,49 +270,21 @@ void MapInitialiser::search_points(const Pyramid& pyramid, const Matrix3f& H_pre
   }
 }
 
-// Robust fit of H to the found points, left-multiplied sl(3) updates, starting from the prediction. Residuals in units
-// of the measurement's sigma (2 px).
-bool MapInitialiser::fit_homography(const Matrix3f& H_predicted) {
-  using Matrix8f = Eigen::Matrix<float, 8, 8>;
-  Matrix3f H = H_predicted;
-  const float scale = config_.camera.model.fx / kSigma_px;
-  for (int iteration = 0; iteration < kFitIterations; ++iteration) {
-    squared_.clear();
-    for (const Point& point : points_)
-      if (point.found && homography_depth(H, point.x_1) > 0.1f)
-        squared_.push_back((scale * (point.x_2 - apply_homography(H, point.x_1))).squaredNorm());
-    meter_.charge(Work::kHomographyPoint, squared_.size());
-    if (squared_.size() < kMinInliers) return false;
-    const float sigma = std::max(robust_sigma(squared_), kRobustSigmaFloor);
-    Matrix8f A = Matrix8f::Zero();
-    Vector8f b = Vector8f::Zero();
-    int inliers = 0;
-    for (Point& point : points_) {
-      point.weight = 0;
-      if (!point.found || homography_depth(H, point.x_1) <= 0.1f) continue;
-      const Vector2f y = apply_homography(H, point.x_1);
-      const Vector2f e = scale * (point.x_2 - y);
-      point.weight = tukey_weight(e.squaredNorm(), sigma);
-      if (point.weight == 0) continue;
-      ++inliers;
-      const Eigen::Matrix<float, 2, 8> J = scale * homography_sl3_jacobian(y);
-      A += point.weight * (J.transpose() * J);
-      b += point.weight * (J.transpose() * e);
-    }
-    sigma_px_ = kSigma_px * sigma;
-    if (inliers < kMinInliers) return false;
-    const Vector8f unit = A.diagonal().cwiseSqrt().cwiseInverse();
-    if (!unit.allFinite()) return false;
-    A = (unit.asDiagonal() * A * unit.asDiagonal()).eval();
-    const Eigen::LDLT<Matrix8f> ldlt(A);
-    if (ldlt.info() != Eigen::Success || !(ldlt.vectorD().minCoeff() > 1e-6f)) return false;
-    const Vector8f step = unit.cwiseProduct(ldlt.solve(unit.cwiseProduct(b)));
-    if (!step.allFinite() || step.norm() > 1.0f) return false;
-    H = sl3_exp(step) * H;
-    if (step.norm() < 1e-5f) break;
-  }
-  H_ = normalised_sl3(H);
-  return H_.allFinite();
+// H to the found points, from the prediction.
+bool MapInitialiser::fit_to_found(const Matrix3f& H_predicted) {
+  correspondences_.clear();
+  for (const Point& point : points_)
+    if (point.found) correspondences_.push_back({point.x_1, point.x_2});
+  weights_.resize(correspondences_.size());
+  squared_.resize(correspondences_.size());
+  const HomographyFit fit =
+      fit_homography(correspondences_, H_predicted, kSigma_px / config_.camera.model.fx, weights_, squared_);
+  meter_.charge(Work::kHomographyPoint, fit.iterations * correspondences_.size());
+  const float* weight = weights_.data();
+  for (Point& point : points_) point.weight = point.found ? *weight++ : 0.0f;
+  sigma_px_ = kSigma_px * fit.sigma;
+  if (fit.ok) H_ = fit.H;
+  return fit.ok;
 }
 
 MapInitialiser::Progress MapInitialiser::track(const Pyramid& pyramid, const GreyView& small, int64_t timestamp_ns,
@@ -339,14 +311,14 @@ MapInitialiser::Progress MapInitialiser::track(const Pyramid& pyramid, const Gre
     if (point.found) point.x_2 = corrected(point.px_2, rate_guess);
   bool good = found_ >= kMinInliers &&
               static_cast<float>(found_) >= kMinFoundFraction * static_cast<float>(attempted_) &&
-              fit_homography(H_predicted);
+              fit_to_found(H_predicted);
   if (good) {
     // Once more with the measured rate: H's own, not the rotation's.
     H_rate_ = log_near_identity(H_ * H_previous_.inverse()) / dt_s;
     parallax_rate_ = H_rate_ - log_near_identity(R_cp) / dt_s;
     for (Point& point : points_)
       if (point.found) point.x_2 = corrected(point.px_2, H_rate_);
-    good = fit_homography(H_);
+    good = fit_to_found(H_);
   }
   for (Point& point : points_) {
     if (good && point.found) {

@@ -97,7 +97,7 @@ class MapInitialiser {
 
   void search_points(const Pyramid& pyramid, const Matrix3f& H_predicted, const Matrix3f& rate,
                      const SearchOptions& options);
-  bool fit_homography(const Matrix3f& H_predicted);
+  bool fit_to_found(const Matrix3f& H_predicted);
   void renew_first_view(const Pyramid& pyramid, const GreyView& small, int64_t timestamp_ns,
                         const Vector3f& rotation_rate);
   float planar_margin(const Decomposition& decomposition);
@@ -129,6 +129,7 @@ class MapInitialiser {
   FixedVector<PosePoint> pose_points_;
   PoseUpdater pose_;
   FixedVector<float> squared_;
+  FixedVector<float> weights_;
   FixedVector<Correspondence> correspondences_;
   FixedVector<Vector2f> inlier_rays_;
   FixedVector<ObservedPoint> observed_;
