@@ -10,12 +10,9 @@
 
 #include "base/containers.h"
 #include "camera/camera.h"
-#include "image/pyramid.h"
+#include "camera/small_image.h"
 
 namespace pptam {
-
-// A small blurred image for relocalisation and full-frame rotation: level 4 with a 3x3 binomial blur.
-using SmallImage = GreyImage;
 
 // Erased keyframes [phone 3.3, footnote] have no measurements and no place in bundle adjustment. They keep their
 // images, as patch sources and for relocalisation, and their positions, which follow the live keyframe nearest to them.

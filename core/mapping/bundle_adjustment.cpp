@@ -47,7 +47,7 @@ BundleAdjuster::BundleAdjuster(Arena& arena, const Config& config, Map& map, Wor
       engine_(arena, capacity(config), Projection{&config.camera.model}, meter, background),
       point_indices_(arena, config.max_map_points) {}
 
-Task BundleAdjuster::run(int newest, bool velocities, int max_iterations) {
+Task<> BundleAdjuster::run(int newest, bool velocities, int max_iterations) {
   result_ = BundleResult();
   const bool few = newest >= 0 || map_.live_count() <= kMaxVelocityCameras;
   co_await gather(newest, velocities && few && config_.camera.shutter.line_time_s != 0);
@@ -77,7 +77,7 @@ Task BundleAdjuster::run(int newest, bool velocities, int max_iterations) {
 
 // The snapshot. The map's geometry is changed by the mapper alone, which is this very coroutine's caller: taking it in
 // several slices is safe.
-Task BundleAdjuster::gather(int newest, bool velocities) {
+Task<> BundleAdjuster::gather(int newest, bool velocities) {
   engine_.clear();
   point_indices_.clear();
   for (const Keyframe& keyframe : map_.keyframes()) {
@@ -98,8 +98,7 @@ Task BundleAdjuster::gather(int newest, bool velocities) {
       seen_by_free |= camera.pose_free || camera.velocity_free;
     }
     if (!seen_by_free) {
-      meter_.charge(Work::kOther, 20LL * point.measurements.size());
-      co_await background_.slice();
+      co_await background_.spend(Work::kOther, 20LL * point.measurements.size());
       continue;
     }
     Engine::Point entry;
@@ -129,14 +128,13 @@ Task BundleAdjuster::gather(int newest, bool velocities) {
     entry.count = engine_.observations().size() - entry.first;
     engine_.points().push_back(entry);
     point_indices_.push_back(i);
-    meter_.charge(Work::kOther, 215LL * entry.count);
-    co_await background_.slice();
+    co_await background_.spend(Work::kOther, 215LL * entry.count);
   }
 }
 
 // All, or the newest and the nearest to it. The first keyframe's pose is the datum; its velocity may be free all the
 // same.
-Task BundleAdjuster::free_cameras(int newest, bool velocities) {
+Task<> BundleAdjuster::free_cameras(int newest, bool velocities) {
   FixedVector<Engine::Camera>& cameras = engine_.cameras();
   if (newest < 0) {
     for (int k = 0; k < cameras.size(); ++k) {
@@ -161,8 +159,7 @@ Task BundleAdjuster::free_cameras(int newest, bool velocities) {
     if (best < 0) break;
     cameras[best].pose_free = true;
     cameras[best].velocity_free = velocities;
-    meter_.charge(Work::kOther, 300LL * cameras.size());
-    co_await background_.slice();
+    co_await background_.spend(Work::kOther, 300LL * cameras.size());
   }
 }
 
@@ -218,7 +215,7 @@ bool BundleAdjuster::measure_again(const MapPoint& point, Measurement* measureme
 
 // Measurements keep their weights; those of zero are replaced or forgotten. A point whose source view is one, or which
 // is left with fewer than two, goes.
-Task BundleAdjuster::discard_outliers() {
+Task<> BundleAdjuster::discard_outliers() {
   for (int i = 0; i < point_indices_.size(); ++i) {
     const Engine::Point& entry = engine_.points()[i];
     const int index = point_indices_[i];
@@ -243,8 +240,7 @@ Task BundleAdjuster::discard_outliers() {
       }
     }
     if (source_is_outlier || point.measurements.size() < 2) map_.remove_point(index);
-    meter_.charge(Work::kOther, 30 + 25LL * entry.count);
-    co_await background_.slice();
+    co_await background_.spend(Work::kOther, 30 + 25LL * entry.count);
   }
 }
 

@@ -35,7 +35,7 @@ class BundleAdjuster {
   // fixed [ptam 6.3]; their velocities too if asked for. Afterwards measurements of zero weight are searched again, and
   // those not found removed, with points left with fewer than two. Erased keyframes follow every step. A coroutine of
   // `background`. result may be read when it has ended.
-  Task run(int newest, bool velocities, int max_iterations);
+  Task<> run(int newest, bool velocities, int max_iterations);
   const BundleResult& result() const { return result_; }
 
   FrameStack& frames() { return background_.frames(); }
@@ -48,9 +48,9 @@ class BundleAdjuster {
   };
   using Engine = BundleEngine<float, Projection>;
 
-  Task gather(int newest, bool velocities);
-  Task free_cameras(int newest, bool velocities);
-  Task discard_outliers();
+  Task<> gather(int newest, bool velocities);
+  Task<> free_cameras(int newest, bool velocities);
+  Task<> discard_outliers();
   bool measure_again(const MapPoint& point, Measurement* measurement);
   void commit();
   void hold_scale(const SE3& T_last);

@@ -122,11 +122,11 @@ class BundleEngine {
   bool assign_columns();
   int columns() const { return columns_; }
   // The errors at the start.
-  Task start(const BundleOptions& options);
+  Task<> start(const BundleOptions& options);
   // The scale and the linear problem at the present state; nothing to do if it has not changed.
-  Task linearise();
+  Task<> linearise();
   // One step from there, and what became of it, in outcome().
-  Task attempt();
+  Task<> attempt();
   BundleOutcome outcome() const { return outcome_; }
   Scalar cost() const { return cost_; }  // of the state, at scale sigma()
   Scalar sigma() const { return sigma_; }
@@ -141,11 +141,11 @@ class BundleEngine {
   // A step whose cost is the same to rounding.
   static constexpr Scalar kSameCost = 1 + 8 * std::numeric_limits<Scalar>::epsilon();
 
-  Task measure();
-  Task estimate_scale();
-  Task reduce();
-  Task solve();
-  Task step();
+  Task<> measure();
+  Task<> estimate_scale();
+  Task<> reduce();
+  Task<> solve();
+  Task<> step();
   void count_digits(int from, int to);
   void measure_point(Point& point);
   void linearise_point(Point& point);
@@ -250,7 +250,7 @@ bool BundleEngine<Scalar, Projection>::assign_columns() {
 }
 
 template <class Scalar, class Projection>
-Task BundleEngine<Scalar, Projection>::start(const BundleOptions& options) {
+Task<> BundleEngine<Scalar, Projection>::start(const BundleOptions& options) {
   options_ = options;
   couplings_.resize(couplings_.capacity());
   camera_blocks_.resize(columns_ * 2 * kBlockNumbers);
@@ -268,7 +268,7 @@ Task BundleEngine<Scalar, Projection>::start(const BundleOptions& options) {
 }
 
 template <class Scalar, class Projection>
-Task BundleEngine<Scalar, Projection>::attempt() {
+Task<> BundleEngine<Scalar, Projection>::attempt() {
   co_await reduce();
   co_await solve();
   bool better = false;
@@ -306,13 +306,12 @@ void BundleEngine<Scalar, Projection>::accept() {
 
 // Errors and cost of the tried state, at the present scale.
 template <class Scalar, class Projection>
-Task BundleEngine<Scalar, Projection>::measure() {
+Task<> BundleEngine<Scalar, Projection>::measure() {
   tried_cost_ = 0;
   for (const Camera& camera : cameras_) tried_cost_ += prior_cost(camera, camera.tried.velocity);
   for (Point& point : points_) {
     measure_point(point);
-    meter_.charge(Work::kBundleError, point.count);
-    co_await background_.slice();
+    co_await background_.spend(Work::kBundleError, point.count);
   }
 }
 
@@ -338,7 +337,7 @@ void BundleEngine<Scalar, Projection>::measure_point(Point& point) {
 // sigma from the median of the squared errors of the state, as robust_sigma(): found digit by digit of their float
 // representation, whose order is that of the numbers; counting digits can pause where nth_element cannot.
 template <class Scalar, class Projection>
-Task BundleEngine<Scalar, Projection>::estimate_scale() {
+Task<> BundleEngine<Scalar, Projection>::estimate_scale() {
   if (options_.sigma > 0) {
     set_sigma(Scalar(options_.sigma));
     co_return;
@@ -350,8 +349,7 @@ Task BundleEngine<Scalar, Projection>::estimate_scale() {
     constexpr int kChunk = 64;
     for (int i = 0; i < observations_.size(); i += kChunk) {
       count_digits(i, std::min(i + kChunk, observations_.size()));
-      meter_.charge(Work::kOther, kChunk * 12);
-      co_await background_.slice();
+      co_await background_.spend(Work::kOther, kChunk * 12);
     }
     int count = 0;
     for (const int32_t n : median_.histogram) count += n;
@@ -380,7 +378,7 @@ void BundleEngine<Scalar, Projection>::count_digits(int from, int to) {
 
 // Weights, the points' and the cameras' normal equations, and their couplings, at the state and its scale.
 template <class Scalar, class Projection>
-Task BundleEngine<Scalar, Projection>::linearise() {
+Task<> BundleEngine<Scalar, Projection>::linearise() {
   if (linearised_) co_return;
   co_await estimate_scale();
   std::fill(camera_blocks_.begin(), camera_blocks_.end(), Scalar(0));
@@ -390,8 +388,7 @@ Task BundleEngine<Scalar, Projection>::linearise() {
   for (Point& point : points_) {
     linearise_point(point);
     meter_.charge(Work::kBundleProjection, point.count);
-    if (velocities_free_) meter_.charge(Work::kBundleMotion, point.count);
-    co_await background_.slice();
+    if (velocities_free_) co_await background_.spend(Work::kBundleMotion, point.count);
   }
   linearised_ = true;
 }
@@ -489,19 +486,17 @@ void BundleEngine<Scalar, Projection>::add_cross(const Scalar* A_v, const Scalar
 
 // S and its right-hand side: the cameras' own blocks, damped, less what the points take away.
 template <class Scalar, class Projection>
-Task BundleEngine<Scalar, Projection>::reduce() {
+Task<> BundleEngine<Scalar, Projection>::reduce() {
   blocks_.resize(columns_);
   for (int row = 0; row < columns_; ++row) {
     blocks_.clear_row(row);
-    meter_.charge(Work::kOther, 30LL * (row + 1));
-    co_await background_.slice();
+    co_await background_.spend(Work::kOther, 30LL * (row + 1));
   }
   for (const Camera& camera : cameras_) prepare_system(camera);
   meter_.charge(Work::kOther, 500LL * columns_);
   for (Point& point : points_) {
     const int products = reduce_point(point);
-    meter_.charge(Work::kBundleBlock, products + 4);  // V and the Y take as long as four
-    co_await background_.slice();
+    co_await background_.spend(Work::kBundleBlock, products + 4);  // V and the Y take as long as four
   }
 }
 
@@ -588,24 +583,21 @@ void BundleEngine<Scalar, Projection>::factorise_point(Point& point) {
 }
 
 template <class Scalar, class Projection>
-Task BundleEngine<Scalar, Projection>::solve() {
+Task<> BundleEngine<Scalar, Projection>::solve() {
   solved_ = false;
   for (int row = 0; row < columns_; ++row) {
     for (int column = blocks_.first(row); column <= row; ++column) {
       if (!blocks_.factorise(row, column)) co_return;
-      meter_.charge(Work::kBundleSolve, blocks_.products(row, column) + 2);  // and the division
-      co_await background_.slice();
+      co_await background_.spend(Work::kBundleSolve, blocks_.products(row, column) + 2);  // and the division
     }
   }
   for (int row = 0; row < columns_; ++row) {
     blocks_.solve_forward(row);
-    meter_.charge(Work::kOther, 200 + 90LL * (row - blocks_.first(row)));
-    co_await background_.slice();
+    co_await background_.spend(Work::kOther, 200 + 90LL * (row - blocks_.first(row)));
   }
   for (int row = columns_ - 1; row >= 0; --row) {
     blocks_.solve_backward(row);
-    meter_.charge(Work::kOther, 200 + 90LL * (row - blocks_.first(row)));
-    co_await background_.slice();
+    co_await background_.spend(Work::kOther, 200 + 90LL * (row - blocks_.first(row)));
   }
   solved_ = true;
   for (int row = 0; row < columns_; ++row)
@@ -614,13 +606,12 @@ Task BundleEngine<Scalar, Projection>::solve() {
 
 // The state that the solution leads to.
 template <class Scalar, class Projection>
-Task BundleEngine<Scalar, Projection>::step() {
+Task<> BundleEngine<Scalar, Projection>::step() {
   for (Camera& camera : cameras_) step_camera(camera);
   meter_.charge(Work::kOther, 600LL * cameras_.size());
   for (Point& point : points_) {
     step_point(point);
-    meter_.charge(Work::kBundleStep, velocities_free_ ? 3 * point.count / 2 : point.count);
-    co_await background_.slice();
+    co_await background_.spend(Work::kBundleStep, velocities_free_ ? 3 * point.count / 2 : point.count);
   }
 }
 

@@ -92,17 +92,15 @@ KeyframeCuller::KeyframeCuller(Arena& arena, const Config& config, Map& map, Wor
       reached_(arena, config.max_keyframes + 1),
       frontier_(arena, config.max_keyframes + 1) {}
 
-Task KeyframeCuller::choose() {
-  chosen_ = -1;
+Task<int> KeyframeCuller::choose() {
   co_await count_votes();
   // The graph's connection as it is: at the largest number of common points, up to kMinCommonPoints, that leaves it in
   // no more parts than any common point does. Whoever goes must not add a part to that.
-  co_await count_components(-1, 1);
-  const int parts = components_;
+  const int parts = co_await count_components(-1, 1);
   int common = kMinCommonPoints;
   for (; common > 1; --common) {
-    co_await count_components(-1, common);
-    if (components_ <= parts) break;
+    const int parts_now = co_await count_components(-1, common);
+    if (parts_now <= parts) break;
   }
   for (int k = 0; k < map_.keyframes().size(); ++k) judged_[k] = !map_.keyframes()[k].live() || k == 0;
   for (int newest = 0; newest < 2; ++newest) {
@@ -115,16 +113,14 @@ Task KeyframeCuller::choose() {
     int lowest = -1;
     for (const int16_t k : live_)
       if (!judged_[k] && votes_[k] < kMostVotesToErase && (lowest < 0 || votes_[k] < votes_[lowest])) lowest = k;
-    if (lowest < 0) co_return;
+    if (lowest < 0) co_return -1;
     judged_[lowest] = 1;
-    co_await count_components(place_[lowest], common);
-    if (components_ > parts) continue;
-    chosen_ = lowest;
-    co_return;
+    const int parts_without = co_await count_components(place_[lowest], common);
+    if (parts_without <= parts) co_return lowest;
   }
 }
 
-Task KeyframeCuller::count_votes() {
+Task<> KeyframeCuller::count_votes() {
   live_.clear();
   place_.resize(map_.keyframes().size());
   votes_.resize(map_.keyframes().size());
@@ -159,19 +155,19 @@ Task KeyframeCuller::count_votes() {
       ++j;
     }
     for (j = 0; j < observers; ++j) votes_[keyframe[j]] += keyframe_vote(observers, rank[j] + 1);
-    meter_.charge(Work::kOther, kPointInstructions + kPairInstructions * (observers * (observers - 1) / 2) +
-                                    (kUsefulnessInstructions + kVoteInstructions) * observers);
-    co_await background_.slice();
+    co_await background_.spend(Work::kOther, kPointInstructions +
+                                                 kPairInstructions * (observers * (observers - 1) / 2) +
+                                                 (kUsefulnessInstructions + kVoteInstructions) * observers);
   }
 }
 
 // Parts of the graph of live keyframes that share at least so many points, without one of them (a place; -1: with all).
-Task KeyframeCuller::count_components(int without, int common_points) {
-  components_ = 0;
+Task<int> KeyframeCuller::count_components(int without, int common_points) {
+  int components = 0;
   std::fill(reached_.begin(), reached_.end(), uint8_t{0});
   for (int start = 0; start < live_.size(); ++start) {
     if (start == without || reached_[start]) continue;
-    ++components_;
+    ++components;
     frontier_.clear();
     frontier_.push_back(static_cast<int16_t>(start));
     reached_[start] = 1;
@@ -182,37 +178,35 @@ Task KeyframeCuller::count_components(int without, int common_points) {
         reached_[b] = 1;
         frontier_.push_back(static_cast<int16_t>(b));
       }
-      meter_.charge(Work::kOther, 17LL * live_.size());
-      co_await background_.slice();
+      co_await background_.spend(Work::kOther, 17LL * live_.size());
     }
   }
+  co_return components;
 }
 
-Task KeyframeCuller::erase(int keyframe) {
+Task<> KeyframeCuller::erase(int keyframe) {
   // Those anchored to it go to others first, one at a time.
   for (int k = 0; k < map_.keyframes().size(); ++k) {
     const Keyframe& other = map_.keyframes()[k];
     if (other.id == 0 || !other.erased || other.anchor != keyframe) continue;
     map_.anchor_keyframe(k, keyframe);
-    meter_.charge(Work::kOther, kViewDistanceInstructions * live_.size());
-    co_await background_.slice();
+    co_await background_.spend(Work::kOther, kViewDistanceInstructions * live_.size());
   }
   map_.erase_keyframe(keyframe);
-  meter_.charge(Work::kOther, 35LL * map_.points().size() + kViewDistanceInstructions * live_.size());
-  co_await background_.slice();
+  co_await background_.spend(Work::kOther, 35LL * map_.points().size() + kViewDistanceInstructions * live_.size());
 }
 
-Task KeyframeCuller::forget_surplus() {
+Task<> KeyframeCuller::forget_surplus() {
   if (map_.erased_count() <= config_.max_erased_keyframes) co_return;
-  co_await choose_forgotten();
-  const auto sources = static_cast<int64_t>(votes_[forgotten_]);
-  map_.forget_keyframe(forgotten_);
-  meter_.charge(Work::kOther, 15LL * (map_.points().size() + map_.partial_points().size()) +
-                                  sources * config_.max_measurements_per_point * kViewDistanceInstructions);
-  co_await background_.slice();
+  const int forgotten = co_await choose_forgotten();
+  const auto sources = static_cast<int64_t>(votes_[forgotten]);
+  map_.forget_keyframe(forgotten);
+  co_await background_.spend(Work::kOther,
+                             15LL * (map_.points().size() + map_.partial_points().size()) +
+                                 sources * config_.max_measurements_per_point * kViewDistanceInstructions);
 }
 
-Task KeyframeCuller::choose_forgotten() {
+Task<int> KeyframeCuller::choose_forgotten() {
   // votes_ are done with: how many patches each keyframe is the source of.
   votes_.resize(map_.keyframes().size());
   std::fill(votes_.begin(), votes_.end(), 0.0f);
@@ -220,9 +214,8 @@ Task KeyframeCuller::choose_forgotten() {
     if (point.id != 0) votes_[point.source.keyframe] += 1;
   for (const PartialPoint& partial : map_.partial_points())
     if (partial.id != 0) votes_[partial.source.keyframe] += 1;
-  meter_.charge(Work::kOther, 8LL * (map_.points().size() + map_.partial_points().size()));
-  co_await background_.slice();
-  forgotten_ = -1;
+  co_await background_.spend(Work::kOther, 8LL * (map_.points().size() + map_.partial_points().size()));
+  int forgotten = -1;
   float least = 0;
   for (int k = 0; k < map_.keyframes().size(); ++k) {
     const Keyframe& keyframe = map_.keyframes()[k];
@@ -232,13 +225,13 @@ Task KeyframeCuller::choose_forgotten() {
       if (other != k && map_.keyframes()[other].id != 0)
         nearest = std::min(nearest, Map::view_distance(keyframe, map_.keyframes()[other]));
     const float value = nearest * (1 + votes_[k]);
-    if (forgotten_ < 0 || value < least) {
-      forgotten_ = k;
+    if (forgotten < 0 || value < least) {
+      forgotten = k;
       least = value;
     }
-    meter_.charge(Work::kOther, kViewDistanceInstructions * map_.keyframes().size());
-    co_await background_.slice();
+    co_await background_.spend(Work::kOther, kViewDistanceInstructions * map_.keyframes().size());
   }
+  co_return forgotten;
 }
 
 }  // namespace pptam

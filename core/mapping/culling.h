@@ -42,23 +42,22 @@ class KeyframeCuller {
  public:
   KeyframeCuller(Arena& arena, const Config& config, Map& map, WorkMeter& meter, Background& background);
 
-  // The live keyframe that can go, into chosen(); -1: none, the map is full.
-  Task choose();
-  int chosen() const { return chosen_; }
+  // The live keyframe that can go; -1: none, the map is full.
+  Task<int> choose();
   // Of the live keyframe, at the last choice; for tests and figures.
   float votes(int keyframe) const { return votes_[keyframe]; }
   // Erases it; forget_surplus() is to follow.
-  Task erase(int keyframe);
+  Task<> erase(int keyframe);
   // If there are more erased keyframes than Config allows one is forgotten for good: the one whose view is most like
   // another's, counted once more for every patch that it is the source of.
-  Task forget_surplus();
+  Task<> forget_surplus();
 
   FrameStack& frames() { return background_.frames(); }
 
  private:
-  Task count_votes();
-  Task count_components(int without, int common);
-  Task choose_forgotten();
+  Task<> count_votes();
+  Task<int> count_components(int without, int common);
+  Task<int> choose_forgotten();
   uint8_t& common(int a, int b) { return common_[a * live_.size() + b]; }
 
   const Config& config_;
@@ -72,9 +71,6 @@ class KeyframeCuller {
   FixedVector<uint8_t> common_;    // of each pair of live_: points that both measure, at most 255
   FixedVector<uint8_t> reached_;   // by place: in count_components
   FixedVector<int16_t> frontier_;  // places, likewise
-  int components_ = 0;             // what count_components found
-  int chosen_ = -1;
-  int forgotten_ = -1;
 };
 
 }  // namespace pptam

@@ -65,7 +65,7 @@ void Mapper::work_slice() {
     // The map that the paused job worked on is gone, or has another scale.
     epoch_ = map_.epoch();
     abandon();
-    task_ = Task();
+    task_ = Task<>();
     local_pending_ = false;
     full_pending_ = map_.ready();
     newest_ = -1;
@@ -82,7 +82,7 @@ void Mapper::work_slice() {
   map_.check_consistency();
 }
 
-Task Mapper::run() {
+Task<> Mapper::run() {
   co_await cull_surplus_measurements();  // an insertion may have been given up half-way
   for (;;) {
     if (map_.exists() && !map_.ready()) {
@@ -119,13 +119,12 @@ Task Mapper::run() {
 }
 
 // What is measured in a keyframe, at most so many, into pose_points_.
-Task Mapper::gather_pose_points(int keyframe, int most) {
+Task<> Mapper::gather_pose_points(int keyframe, int most) {
   pose_points_.clear();
   for (const MapPoint& point : map_.points()) {
     if (pose_points_.size() >= most) break;
     if (point.id == 0) continue;
-    meter_.charge(Work::kOther, 50 + 20LL * point.measurements.size());
-    co_await slice();
+    co_await spend(Work::kOther, 50 + 20LL * point.measurements.size());
     for (const Measurement& m : map_.measurements(point)) {
       if (m.keyframe != keyframe) continue;
       PosePoint p;
@@ -138,8 +137,7 @@ Task Mapper::gather_pose_points(int keyframe, int most) {
 }
 
 // Poses of the initial views between the first and the last, backwards, each starting at its successor's.
-Task Mapper::locate_initial_views(bool* good) {
-  *good = true;
+Task<bool> Mapper::locate_initial_views() {
   const int count = map_.keyframes().size();
   for (int k = count - 2; k > 0; --k) {
     co_await gather_pose_points(k, kLocatingPoints);
@@ -150,19 +148,17 @@ Task Mapper::locate_initial_views(bool* good) {
     pose_.start(map_.keyframes()[k + 1].T_kw, prior, points);
     while (!pose_.advance()) co_await slice();
     const PoseUpdate& update = pose_.result();
-    if (!update.ok || !(update.sigma < kMaxInitialSigma)) {
-      *good = false;
-      co_return;
-    }
+    if (!update.ok || !(update.sigma < kMaxInitialSigma)) co_return false;
     map_.move_keyframe(k, update.T_cw);
     map_.set_velocity(k, update.velocity);
   }
+  co_return true;
 }
 
 // The velocities in the initial keyframes from the poses of the frames next to them [phone 6]: central differences. At
 // either end, where only one side is known, its mean velocity is carried on to the keyframe by the difference to the
 // next keyframe's.
-Task Mapper::measure_initial_velocities() {
+Task<> Mapper::measure_initial_velocities() {
   if (config_.camera.shutter.line_time_s == 0) co_return;
   const int count = std::min(map_.keyframes().size(), kMaxInitialKeyframes);
   Vector6f mean[kMaxInitialKeyframes];
@@ -216,15 +212,14 @@ Task Mapper::measure_initial_velocities() {
   }
 }
 
-Task Mapper::finish_initial_map() {
-  bool good = false;
-  co_await locate_initial_views(&good);
+Task<> Mapper::finish_initial_map() {
+  bool good = co_await locate_initial_views();
   for (int round = 0; good && round < 2; ++round) {  // again without the outliers of the first
     co_await measure_initial_velocities();
     co_await bundle_.run(-1, true, kInitialIterations);
   }
   good = good && !(bundle_.result().sigma > kMaxInitialSigma) && map_.point_count() >= kMinInitialPoints;
-  if (good) co_await align_to_dominant_plane(&good);
+  if (good) good = co_await align_to_dominant_plane();
   if (!good) {
     map_.clear();
     meter_.charge(Work::kOther, 100LL * map_.points().size());
@@ -240,8 +235,7 @@ Task Mapper::finish_initial_map() {
 // Dominant plane to z = 0 with z towards the camera, origin where the first keyframe's axis meets it, x along the first
 // camera's x; the first view is config.initial_plane_distance away from the plane, or the initial views reach
 // config.initial_baseline from the first [ptam 6.1].
-Task Mapper::align_to_dominant_plane(bool* good) {
-  *good = false;
+Task<bool> Mapper::align_to_dominant_plane() {
   const SE3 T_1w = map_.keyframes()[0].T_kw;
   const float depth = map_.keyframes()[0].mean_depth;
   const float threshold = 0.02f * depth;
@@ -262,8 +256,7 @@ Task Mapper::align_to_dominant_plane(bool* good) {
     const int i = next(count);
     const int j = next(count);
     const int k = next(count);
-    meter_.charge(Work::kOther, 75LL * count);
-    co_await slice();
+    co_await spend(Work::kOther, 75LL * count);
     const Vector3f cross = (p_1(j) - p_1(i)).cross(p_1(k) - p_1(i));
     if (!(cross.norm() > 1e-3f * depth * depth)) continue;
     const Vector3f n = cross.normalized();
@@ -276,7 +269,7 @@ Task Mapper::align_to_dominant_plane(bool* good) {
       offset = d;
     }
   }
-  if (best_cost > 1e29f) co_return;
+  if (best_cost > 1e29f) co_return false;
   // Least squares over the inliers.
   for (int round = 0; round < 3; ++round) {
     Vector3f mean = Vector3f::Zero();
@@ -286,7 +279,7 @@ Task Mapper::align_to_dominant_plane(bool* good) {
       mean += p_1(m);
       ++inliers;
     }
-    if (inliers < 6) co_return;
+    if (inliers < 6) co_return false;
     mean /= static_cast<float>(inliers);
     Matrix3f scatter = Matrix3f::Zero();
     for (int m = 0; m < count; ++m) {
@@ -295,11 +288,10 @@ Task Mapper::align_to_dominant_plane(bool* good) {
       scatter += (p - mean) * (p - mean).transpose();
     }
     const Eigen::SelfAdjointEigenSolver<Matrix3f> solver(scatter);
-    if (solver.info() != Eigen::Success) co_return;
+    if (solver.info() != Eigen::Success) co_return false;
     normal = solver.eigenvectors().col(0);
     offset = normal.dot(mean);
-    meter_.charge(Work::kOther, 250LL * count);
-    co_await slice();
+    co_await spend(Work::kOther, 250LL * count);
   }
   if (offset < 0) {
     normal = -normal;
@@ -307,7 +299,7 @@ Task Mapper::align_to_dominant_plane(bool* good) {
   }
   // Up is from the plane to the camera, which sits at the origin of its own frame.
   const Vector3f z = -normal;
-  if (!(normal.z() > 0.05f)) co_return;  // the axis does not meet it
+  if (!(normal.z() > 0.05f)) co_return false;  // the axis does not meet it
   const Vector3f origin = Vector3f::UnitZ() * (offset / normal.z());
   const Vector3f x = (Vector3f::UnitX() - z * z.x()).normalized();
   const Vector3f y = z.cross(x);
@@ -318,7 +310,7 @@ Task Mapper::align_to_dominant_plane(bool* good) {
   float baseline = 0;  // of the initial views, the longest from the first
   for (const Keyframe& keyframe : map_.keyframes())
     baseline = std::max(baseline, (keyframe.T_kw.centre() - map_.keyframes()[0].T_kw.centre()).norm());
-  if (!(baseline > 1e-6f) || !R.allFinite()) co_return;
+  if (!(baseline > 1e-6f) || !R.allFinite()) co_return false;
   Similarity S;
   S.T = SE3(R, -(R * origin)) * T_1w;
   S.scale = config_.initial_plane_distance > 0 ? config_.initial_plane_distance / offset
@@ -331,7 +323,7 @@ Task Mapper::align_to_dominant_plane(bool* good) {
       map_.set_normal(indices[m], map_.keyframes()[point.source.keyframe].T_kw.R.col(2));
   }
   meter_.charge(Work::kOther, 60LL * map_.points().size() + 500LL * map_.keyframes().size());
-  *good = true;
+  co_return true;
 }
 
 bool Mapper::predict_in_keyframe(int keyframe, const Vector3f& p_w, PredictedPoint* predicted) const {
@@ -340,7 +332,7 @@ bool Mapper::predict_in_keyframe(int keyframe, const Vector3f& p_w, PredictedPoi
          config_.camera.in_image(predicted->px, kImageBorder_px);
 }
 
-Task Mapper::insert_keyframe() {
+Task<> Mapper::insert_keyframe() {
   KeyframeCandidate& candidate = map_.queue().front();
   const int keyframe = map_.add_keyframe(candidate.frame);
   if (keyframe < 0) {
@@ -364,9 +356,8 @@ Task Mapper::insert_keyframe() {
 }
 
 // One keyframe too many: the least useful one goes [phone 3.3]. If none can, the newest one does, and the map is full.
-Task Mapper::make_room() {
-  co_await culler_.choose();
-  int gone = culler_.chosen();
+Task<> Mapper::make_room() {
+  int gone = co_await culler_.choose();
   if (gone >= 0) {
     map_.set_full(false);
     co_await culler_.erase(gone);
@@ -382,16 +373,15 @@ Task Mapper::make_room() {
 }
 
 // A new keyframe's measurements are taken over before it is known whether the keyframe stays.
-Task Mapper::cull_surplus_measurements() {
+Task<> Mapper::cull_surplus_measurements() {
   for (int i = 0; i < map_.points().size(); ++i) {
     cull_measurements(map_, i, config_.camera, meter_);
-    meter_.charge(Work::kOther, 30);
-    co_await slice();
+    co_await spend(Work::kOther, 30);
   }
 }
 
 // The tracker measures 50 points of a frame; the others that should be visible are searched now.
-Task Mapper::measure_remaining_points(int keyframe) {
+Task<> Mapper::measure_remaining_points(int keyframe) {
   SearchOptions options;
   options.radius_px = 3;
   options.max_relative_zmssd = 0.3f;
@@ -419,7 +409,7 @@ Task Mapper::measure_remaining_points(int keyframe) {
 // Partial points that the new keyframe sees are triangulated from their original keyframe and become map points; what
 // the filter knew was good for finding them only [phone 5.2]. One whose keyframe has been erased is measured in the
 // live keyframe nearest to that as well: it needs two.
-Task Mapper::promote_partial_points(int keyframe) {
+Task<> Mapper::promote_partial_points(int keyframe) {
   for (int i = 0; i < map_.partial_points().size(); ++i) {
     const PartialPoint& partial = map_.partial_points()[i];
     if (partial.id == 0 || partial.source.keyframe == keyframe) continue;
@@ -485,15 +475,14 @@ Task Mapper::promote_partial_points(int keyframe) {
 }
 
 // Up to max_new_partial_points corners of the keyframe, far enough from what is there [phone 5.2].
-Task Mapper::add_partial_points(int keyframe) {
+Task<> Mapper::add_partial_points(int keyframe) {
   const Keyframe& frame = map_.keyframes()[keyframe];
   occupied_.clear();
   for (const MapPoint& point : map_.points()) {
     if (point.id == 0) continue;
     PredictedPoint predicted;
     if (predict_in_keyframe(keyframe, point.p_w, &predicted)) occupied_.push_back(predicted.px);
-    meter_.charge(Work::kOther, kPredictionInstructions);
-    co_await slice();
+    co_await spend(Work::kOther, kPredictionInstructions);
   }
   for (const PartialPoint& partial : map_.partial_points()) {
     if (partial.id == 0) continue;
@@ -501,8 +490,7 @@ Task Mapper::add_partial_points(int keyframe) {
     PredictedPoint predicted;
     if (predict_in_keyframe(keyframe, T_ws * Vector3f(partial.ray / partial.inverse_depth), &predicted))
       occupied_.push_back(predicted.px);
-    meter_.charge(Work::kOther, kPredictionInstructions);
-    co_await slice();
+    co_await spend(Work::kOther, kPredictionInstructions);
   }
   corner_detector_.start(frame.pyramid, CornerParams());
   int added = 0, pixels = 0, steps = 0;
@@ -532,7 +520,7 @@ Task Mapper::add_partial_points(int keyframe) {
 }
 
 // Camera velocities during the keyframes' readout, against the present map [phone 6].
-Task Mapper::update_velocities() {
+Task<> Mapper::update_velocities() {
   if (config_.camera.shutter.line_time_s == 0) co_return;
   for (int k = 0; k < map_.keyframes().size(); ++k) {
     const Keyframe& keyframe = map_.keyframes()[k];
@@ -552,7 +540,7 @@ Task Mapper::update_velocities() {
 
 // Points that are expected to be seen and are not found. One that only two keyframes have measured is on trial: a wrong
 // match that happened to lie on the epipolar line is found nowhere else.
-Task Mapper::discard_unreliable_points() {
+Task<> Mapper::discard_unreliable_points() {
   for (int i = 0; i < map_.points().size(); ++i) {
     const MapPoint& point = map_.points()[i];
     const int enough = point.measurements.size() > 2 ? kMinAttempts : kMinAttemptsOfTwo;
@@ -560,12 +548,11 @@ Task Mapper::discard_unreliable_points() {
         static_cast<float>(point.found) < kMinReliability * static_cast<float>(point.attempts))
       map_.remove_point(i);
   }
-  meter_.charge(Work::kOther, 10LL * map_.points().size());
-  co_await slice();
+  co_await spend(Work::kOther, 10LL * map_.points().size());
 }
 
 // Every point and its neighbours, in turn: what is one point becomes one, and the patch lies as they do.
-Task Mapper::tidy_points() {
+Task<> Mapper::tidy_points() {
   for (; tidy_left_ > 0 && map_.queue().waiting() == 0; --tidy_left_) {
     const int i = tidy_next_;
     tidy_next_ = (tidy_next_ + 1) % map_.points().size();
@@ -576,8 +563,7 @@ Task Mapper::tidy_points() {
     Vector3f normal_k;
     if (fit_patch_normal(map_, neighbours, &normal_k)) map_.set_normal(i, normal_k);
     for (int n = 1; n < neighbours.size() && point.id != 0; ++n) merge_if_same(i, neighbours[n]);
-    meter_.charge(Work::kOther, 400LL * neighbours.size());
-    co_await slice();
+    co_await spend(Work::kOther, 400LL * neighbours.size());
   }
 }
 

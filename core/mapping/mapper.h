@@ -25,22 +25,22 @@ class Mapper : public Background {
   void work_slice();
 
  private:
-  Task run();
-  Task finish_initial_map();
-  Task locate_initial_views(bool* good);
-  Task measure_initial_velocities();
-  Task insert_keyframe();
-  Task make_room();
-  Task cull_surplus_measurements();
-  Task measure_remaining_points(int keyframe);
-  Task promote_partial_points(int keyframe);
-  Task add_partial_points(int keyframe);
-  Task update_velocities();
-  Task discard_unreliable_points();
-  Task tidy_points();
+  Task<> run();
+  Task<> finish_initial_map();
+  Task<bool> locate_initial_views();
+  Task<> measure_initial_velocities();
+  Task<> insert_keyframe();
+  Task<> make_room();
+  Task<> cull_surplus_measurements();
+  Task<> measure_remaining_points(int keyframe);
+  Task<> promote_partial_points(int keyframe);
+  Task<> add_partial_points(int keyframe);
+  Task<> update_velocities();
+  Task<> discard_unreliable_points();
+  Task<> tidy_points();
   void merge_if_same(int a, int b);
-  Task gather_pose_points(int keyframe, int most);
-  Task align_to_dominant_plane(bool* good);
+  Task<> gather_pose_points(int keyframe, int most);
+  Task<bool> align_to_dominant_plane();
   // Where the point appears in the keyframe, rolling shutter included.
   bool predict_in_keyframe(int keyframe, const Vector3f& p_w, PredictedPoint* predicted) const;
 
@@ -53,7 +53,7 @@ class Mapper : public Background {
   FixedVector<PosePoint> pose_points_;
   PoseUpdater pose_;
   FixedVector<Vector2f> occupied_;  // level-0 pixels of a keyframe that already have a point
-  Task task_;
+  Task<> task_;
   bool resting_ = true;  // the job has nothing left to do
   bool local_pending_ = false, full_pending_ = false;
   int newest_ = -1;

@@ -1,20 +1,23 @@
 // Background work as coroutines that run in slices of idle time, on one thread, without the heap.
 //
 // A job is a member coroutine of a class derived from Background. It reads like straight code and says
-// `co_await slice()` wherever it may pause; the pause is taken once the slice's instructions, by the work meter, are
-// used up. Because the meter decides and not a timer, a job gives the same result however the idle time is cut. Jobs
-// may `co_await` other jobs of the same class; their frames lie on a stack (FrameStack) in the map-maker's arena.
+// `co_await spend(kind, units)` wherever it may pause: what it did is charged to the work meter, and the pause is taken
+// once the slice's instructions are used up. Because the meter decides and not a timer, a job gives the same result
+// however the idle time is cut. Jobs may `co_await` other jobs of the same class; their frames lie on a stack
+// (FrameStack) in the map-maker's arena.
 //
-//   Task Mapper::run() {
+//   Task<> Mapper::run() {
 //     for (;;) {
-//       if (map_.queued > 0) co_await insert_keyframe();
-//       co_await slice();
+//       if (!map_.ready()) good = co_await finish_initial_map();     // Task<bool>
+//       ...
+//       co_await spend(Work::kOther, 100);
 //     }
 //   }
 #pragma once
 
 #include <coroutine>
 #include <cstddef>
+#include <type_traits>
 #include <utility>
 
 #include "base/containers.h"
@@ -63,6 +66,11 @@ class Background {
   };
   // Pauses if this slice is used up.
   Slice slice() { return {*this, false}; }
+  // Charges what was just done, and pauses if this slice is used up.
+  Slice spend(Work kind, int64_t units) {
+    meter_.charge(kind, units);
+    return slice();
+  }
   // Pauses in any case: there is nothing more to do now.
   Slice rest() { return {*this, true}; }
 
@@ -81,39 +89,63 @@ class Background {
   int64_t slice_start_ = 0;
 };
 
+template <class T = void>
+class Task;
+
+namespace detail {
+
+// What all tasks' promises share: frames from the job's stack, and the way back to whoever awaits.
+struct PromiseBase {
+  std::coroutine_handle<> parent = nullptr;
+
+  // The first argument of a member coroutine is its object.
+  template <class Self, class... Args>
+  static void* operator new(size_t bytes, Self& self, Args&&...) {
+    const size_t header = Arena::kAlignment;
+    auto* memory = static_cast<std::byte*>(self.frames().push(bytes + header));
+    *reinterpret_cast<FrameStack**>(memory) = &self.frames();
+    return memory + header;
+  }
+  static void operator delete(void* frame, size_t) {
+    std::byte* memory = static_cast<std::byte*>(frame) - Arena::kAlignment;
+    (*reinterpret_cast<FrameStack**>(memory))->pop(memory);
+  }
+
+  std::suspend_always initial_suspend() noexcept { return {}; }
+  struct Final {
+    bool await_ready() noexcept { return false; }
+    template <class Promise>
+    std::coroutine_handle<> await_suspend(std::coroutine_handle<Promise> handle) noexcept {
+      return handle.promise().parent ? handle.promise().parent : std::noop_coroutine();
+    }
+    void await_resume() noexcept {}
+  };
+  Final final_suspend() noexcept { return {}; }
+  void unhandled_exception() { __builtin_trap(); }
+};
+
+template <class T>
+struct Promise : PromiseBase {
+  T value = T();
+  Task<T> get_return_object();
+  void return_value(const T& result) { value = result; }
+};
+template <>
+struct Promise<void> : PromiseBase {
+  Task<void> get_return_object();
+  void return_void() {}
+};
+
+}  // namespace detail
+
+// A job, or a part of one. T: what it returns, copied.
+template <class T>
 class [[nodiscard]] Task {
  public:
-  struct promise_type {
-    std::coroutine_handle<> parent = nullptr;
-
-    // The first argument of a member coroutine is its object.
-    template <class Self, class... Args>
-    static void* operator new(size_t bytes, Self& self, Args&&...) {
-      const size_t header = Arena::kAlignment;
-      auto* memory = static_cast<std::byte*>(self.frames().push(bytes + header));
-      *reinterpret_cast<FrameStack**>(memory) = &self.frames();
-      return memory + header;
-    }
-    static void operator delete(void* frame, size_t) {
-      std::byte* memory = static_cast<std::byte*>(frame) - Arena::kAlignment;
-      (*reinterpret_cast<FrameStack**>(memory))->pop(memory);
-    }
-
-    Task get_return_object() { return Task(std::coroutine_handle<promise_type>::from_promise(*this)); }
-    std::suspend_always initial_suspend() noexcept { return {}; }
-    struct Final {
-      bool await_ready() noexcept { return false; }
-      std::coroutine_handle<> await_suspend(std::coroutine_handle<promise_type> handle) noexcept {
-        return handle.promise().parent ? handle.promise().parent : std::noop_coroutine();
-      }
-      void await_resume() noexcept {}
-    };
-    Final final_suspend() noexcept { return {}; }
-    void return_void() {}
-    void unhandled_exception() { __builtin_trap(); }
-  };
+  using promise_type = detail::Promise<T>;
 
   Task() = default;
+  explicit Task(std::coroutine_handle<promise_type> handle) : handle_(handle) {}
   Task(Task&& other) noexcept : handle_(std::exchange(other.handle_, nullptr)) {}
   Task& operator=(Task&& other) noexcept {
     if (this != &other) {
@@ -132,15 +164,24 @@ class [[nodiscard]] Task {
     handle_.promise().parent = parent;
     return handle_;
   }
-  void await_resume() const {}
+  T await_resume() const {
+    if constexpr (!std::is_void_v<T>) return handle_.promise().value;
+  }
 
  private:
-  explicit Task(std::coroutine_handle<promise_type> handle) : handle_(handle) {}
   void destroy() {
     if (handle_) handle_.destroy();
     handle_ = nullptr;
   }
   std::coroutine_handle<promise_type> handle_ = nullptr;
 };
+
+template <class T>
+Task<T> detail::Promise<T>::get_return_object() {
+  return Task<T>(std::coroutine_handle<Promise>::from_promise(*this));
+}
+inline Task<void> detail::Promise<void>::get_return_object() {
+  return Task<void>(std::coroutine_handle<Promise>::from_promise(*this));
+}
 
 }  // namespace pptam

@@ -2,24 +2,9 @@
 
 #include <algorithm>
 
+#include "camera/small_image.h"
+
 namespace pptam {
-
-namespace {
-
-// Zero-mean sum of squared differences, scaled by the pixel count squared to stay in integers: at most 8192 pixels.
-int64_t zmssd(const GreyView& a, const GreyView& b) {
-  int64_t sum = 0, sum_sq = 0;
-  for (int y = 0; y < a.height; ++y) {
-    for (int x = 0; x < a.width; ++x) {
-      const int d = static_cast<int>(a.at(x, y)) - static_cast<int>(b.at(x, y));
-      sum += d;
-      sum_sq += d * d;
-    }
-  }
-  return sum_sq * (a.width * a.height) - sum * sum;
-}
-
-}  // namespace
 
 RelocalisationCandidate propose_pose(const Map& map, FullFrameRotation& full_frame_rotation, const GreyView& small,
                                      int attempt, WorkMeter& meter) {
@@ -33,7 +18,7 @@ RelocalisationCandidate propose_pose(const Map& map, FullFrameRotation& full_fra
   for (int k = first; k < end; ++k) {
     score[k - first] = -1;
     if (map.keyframes()[k].id == 0) continue;
-    score[k - first] = zmssd(map.keyframes()[k].small, small);
+    score[k - first] = small_image_zmssd(map.keyframes()[k].small, small);
     ++compared;
   }
   meter.charge(Work::kRotationPixel, static_cast<int64_t>(compared) * small.width * small.height / 20);
