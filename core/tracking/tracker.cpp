@@ -273,7 +273,7 @@ bool Tracker::wants_start() {
 void Tracker::track_initialiser(TrackResult* result) {
   if (!initialiser_.active()) {
     if (!wants_start()) return;
-    hint_ = initialiser_.start(frame_.pyramid(), frame_.small(), frame_.timestamp_ns(), motion_.prior().mean.tail<3>());
+    hint_ = initialiser_.start(frame_, motion_.prior().mean.tail<3>());
     if (hint_ != Hint::kNone) return;  // the tap stays pending until the view is suitable
     tap_pending_ = false;
     steady_s_ = 0;
@@ -287,16 +287,16 @@ void Tracker::track_initialiser(TrackResult* result) {
     hint_ = Hint::kStartLost;
     return;
   }
-  const MapInitialiser::Progress progress =
-      initialiser_.track(frame_.pyramid(), frame_.small(), frame_.timestamp_ns(), motion_.R_cp());
-  result->progress = initialiser_.progress();
-  result->points = initialiser_.observed();
-  result->points_attempted = initialiser_.attempted();
-  result->points_found = initialiser_.found();
-  hint_ = initialiser_.hint();
-  if (progress == MapInitialiser::Progress::kLost) {
+  const Initialiser::Progress progress = initialiser_.track(frame_, motion_.R_cp());
+  const Initialiser::Report& report = initialiser_.report();
+  result->progress = report.progress;
+  result->points = report.observed;
+  result->points_attempted = report.attempted;
+  result->points_found = report.found;
+  hint_ = report.hint;
+  if (progress == Initialiser::Progress::kLost) {
     state_ = TrackingState::kWaiting;
-  } else if (progress == MapInitialiser::Progress::kDone) {
+  } else if (progress == Initialiser::Progress::kDone) {
     SE3 T_cw;
     Vector6f velocity;
     const bool built = initialiser_.build(map_, &T_cw, &velocity);

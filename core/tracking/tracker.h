@@ -6,14 +6,14 @@
 //      └──────────────────────────┘                                  └──────▶ kLost ──────────┘
 //
 // FrameInput ─▶ MotionModel, FullFrameRotation ─▶ MapMatching ─▶ StillCamera ─▶ TrackResult; with a good pose also
-// DepthFilter and KeyframePolicy; without a map MapInitialiser; lost, the relocaliser. Of the map it changes search
-// statistics, partial points' depths and the queue of new keyframes. Bounded time; runs to completion.
+// DepthFilter and KeyframePolicy; without a map HomographyInitialiser; lost, the relocaliser. Of the map it changes
+// search statistics, partial points' depths and the queue of new keyframes. Bounded time; runs to completion.
 #pragma once
 
 #include "tracking/depth_filter.h"
 #include "tracking/frame_input.h"
+#include "tracking/homography_initialiser.h"
 #include "tracking/keyframe_policy.h"
-#include "tracking/map_initialiser.h"
 #include "tracking/map_matching.h"
 #include "tracking/still_camera.h"
 
@@ -57,7 +57,7 @@ class Tracker {
   StillCamera still_camera_;
   DepthFilter depth_filter_;
   KeyframePolicy keyframe_policy_;
-  MapInitialiser initialiser_;
+  HomographyInitialiser initialiser_;
   FixedVector<ObservedPoint> observed_;
 
   TrackingState state_ = TrackingState::kWaiting;

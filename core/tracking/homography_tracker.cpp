@@ -1,0 +1,205 @@
+#include "tracking/homography_tracker.h"
+
+#include <Eigen/LU>
+#include <algorithm>
+
+namespace pptam {
+
+namespace {
+
+constexpr int kMinCorners = 25;            // fewer cannot constrain 8 parameters well once some are lost
+constexpr float kMinFoundFraction = 0.3f;  // of the points expected in the image
+constexpr int kMinInliers = 14;
+constexpr float kResidualDecay = 0.7f;  // of an off-plane point's offset, per frame without a match
+// Of the first view's points, in turns: each costs about 45 thousand ARMv6 instructions of a frame's 6 million.
+constexpr int kSearchesPerFrame = 85;
+constexpr float kImageBorder_px = 12.0f;  // half a template and the search circle of L1, level-0 pixels
+constexpr float kMinDepth = 0.1f;         // homogeneous coordinate of a point that H can still place
+
+// log of a matrix near the identity, second order.
+Matrix3f log_near_identity(const Matrix3f& M) {
+  const Matrix3f D = M - Matrix3f::Identity();
+  Matrix3f L = D - 0.5f * (D * D);
+  L -= Matrix3f::Identity() * (L.trace() / 3.0f);
+  return L;
+}
+
+}  // namespace
+
+HomographyTracker::HomographyTracker(Arena& arena, const Config& config, WorkMeter& meter)
+    : config_(config),
+      meter_(meter),
+      corner_detector_(arena, config.camera.model.width, config.camera.model.height),
+      corners_(arena, config.max_initial_points),
+      points_(arena, config.max_initial_points),
+      squared_(arena, config.max_initial_points),
+      weights_(arena, config.max_initial_points),
+      correspondences_(arena, config.max_initial_points),
+      inlier_rays_(arena, config.max_initial_points),
+      observed_(arena, config.max_initial_points) {}
+
+bool HomographyTracker::start(const Pyramid& first_view, const Vector3f& rotation_rate) {
+  corners_.resize(corners_.capacity());
+  const int count = corner_detector_.detect(first_view, CornerParams(), corners_);
+  meter_.charge(Work::kCornerPixel, corner_detector_.scored_pixels());
+  meter_.charge(Work::kCornerAscent, corner_detector_.ascent_steps());
+  if (count < kMinCorners) return false;
+  reset();
+  for (int i = 0; i < count; ++i) {
+    TrackedPoint point;
+    point.px_1 = {static_cast<float>(corners_[i].x), static_cast<float>(corners_[i].y)};
+    point.x_1 = corrected(point.px_1, hat(rotation_rate));
+    Vector2f px;
+    Matrix23f J;
+    if (!config_.camera.project({point.x_1.x(), point.x_1.y(), 1.0f}, &px, &J)) continue;
+    point.J_1 = J.leftCols<2>();
+    point.px_2 = point.px_1;
+    point.found = true;
+    points_.push_back(point);
+  }
+  H_.setIdentity();
+  H_rate_.setZero();
+  parallax_rate_.setZero();
+  next_search_ = 0;
+  return true;
+}
+
+void HomographyTracker::reset() {
+  points_.clear();
+  observed_.clear();
+}
+
+int HomographyTracker::searched_at_once() const {
+  return std::min(points_.size(), kSearchesPerFrame);
+}
+
+std::span<const Vector2f> HomographyTracker::inlier_rays() {
+  inlier_rays_.clear();
+  for (const TrackedPoint& point : points_)
+    if (point.weight > 0) inlier_rays_.push_back(point.x_1);
+  return inlier_rays_;
+}
+
+std::span<const Correspondence> HomographyTracker::correspondences() {
+  correspondences_.clear();
+  for (const TrackedPoint& point : points_)
+    if (point.found) correspondences_.push_back({point.x_1, point.x_2});
+  return correspondences_;
+}
+
+// Where a global shutter would have seen the normalised point of pixel px, in an image that moves at `rate`.
+Vector2f HomographyTracker::corrected(const Vector2f& px, const Matrix3f& rate) const {
+  const Vector2f x = config_.camera.unproject(px);
+  const float dt_s = config_.camera.dt_s(px);
+  if (dt_s == 0) return x;
+  return apply_homography(Matrix3f::Identity() - dt_s * rate, x);
+}
+
+void HomographyTracker::correct(const Matrix3f& rate) {
+  for (TrackedPoint& point : points_)
+    if (point.found) point.x_2 = corrected(point.px_2, rate);
+}
+
+bool HomographyTracker::track(const Pyramid& first_view, const Pyramid& pyramid, float dt_s, const Matrix3f& R_cp,
+                              const SearchOptions& options) {
+  // Rotation as seen, and what was left of the last frame's motion: the parallax goes on.
+  const Matrix3f motion = (Matrix3f::Identity() + dt_s * parallax_rate_) * R_cp;
+  const Matrix3f H_previous = H_, H_predicted = motion * H_;
+  const Matrix3f predicted_rate = log_near_identity(motion) / dt_s;
+  search(first_view, pyramid, H_predicted, predicted_rate, options);
+  correct(predicted_rate);
+  bool good = found_ >= kMinInliers &&
+              static_cast<float>(found_) >= kMinFoundFraction * static_cast<float>(attempted_) && fit(H_predicted);
+  if (good) {
+    // Once more with the measured rate: H's own, not the rotation's.
+    H_rate_ = log_near_identity(H_ * H_previous.inverse()) / dt_s;
+    parallax_rate_ = H_rate_ - log_near_identity(R_cp) / dt_s;
+    correct(H_rate_);
+    good = fit(H_);
+  }
+  for (TrackedPoint& point : points_) {
+    if (good && point.found) {
+      point.residual = point.x_2 - apply_homography(H_, point.x_1);
+      point.on_plane = point.weight > 0;
+    } else {
+      point.residual *= kResidualDecay;
+    }
+  }
+  if (good) return true;
+  H_ = R_cp * H_previous;
+  parallax_rate_.setZero();
+  return false;
+}
+
+// px: where the point should be, and A how its patch is warped there. False where H cannot place it in the image.
+bool HomographyTracker::predict(const TrackedPoint& point, const Matrix3f& H_predicted, const Matrix3f& rate,
+                                Vector2f* px, Matrix2f* A) const {
+  if (homography_depth(H_predicted, point.x_1) <= kMinDepth) return false;
+  const Vector2f x = apply_homography(H_predicted, point.x_1) + point.residual;
+  Matrix23f J;
+  if (!config_.camera.project({x.x(), x.y(), 1.0f}, px, &J)) return false;
+  const float dt_s = config_.camera.dt_s(*px);
+  if (dt_s != 0) {
+    const Vector2f moved = apply_homography(Matrix3f::Identity() + dt_s * rate, x);
+    *px += J.leftCols<2>() * (moved - x);
+  }
+  if (!config_.camera.in_image(*px, kImageBorder_px)) return false;
+  *A = J.leftCols<2>() * homography_point_jacobian(H_predicted, point.x_1) * point.J_1.inverse();
+  return true;
+}
+
+void HomographyTracker::search(const Pyramid& first_view, const Pyramid& pyramid, const Matrix3f& H_predicted,
+                               const Matrix3f& rate, const SearchOptions& options) {
+  observed_.clear();
+  attempted_ = found_ = 0;
+  for (TrackedPoint& point : points_) {
+    point.found = false;
+    point.weight = 0;
+  }
+  const int count = points_.size();
+  const int first = next_search_;
+  for (int step = 0; step < count && attempted_ < kSearchesPerFrame; ++step) {
+    next_search_ = (first + step + 1) % count;
+    TrackedPoint& point = points_[(first + step) % count];
+    Vector2f px;
+    Matrix2f A;
+    if (!predict(point, H_predicted, rate, &px, &A)) continue;
+    PatchTemplate patch;
+    meter_.charge(Work::kPatchWarp, 1);
+    if (!warp_template(first_view, point.px_1, A, options.level, &patch)) continue;
+    ImagePoint at;
+    const SearchOutcome outcome = find_template(pyramid, patch, px, options, meter_, &at);
+    if (outcome == SearchOutcome::kNotVisible) continue;
+    ++attempted_;
+    ObservedPoint observed;
+    observed.predicted_px = px;
+    observed.px = px;
+    observed.level = static_cast<uint8_t>(options.level);
+    if (outcome == SearchOutcome::kFound) {
+      ++found_;
+      point.found = true;
+      point.px_2 = at.px;
+      observed.px = at.px;
+      observed.predicted_px = point.px_1;
+      observed.kind = ObservedKind::kInitial;
+    }
+    observed_.push_back(observed);
+  }
+}
+
+// H to the points found.
+bool HomographyTracker::fit(const Matrix3f& H_start) {
+  const std::span<const Correspondence> found = correspondences();
+  weights_.resize(static_cast<int>(found.size()));
+  squared_.resize(static_cast<int>(found.size()));
+  const HomographyFit fit =
+      fit_homography(found, H_start, kStartSigma_px / config_.camera.model.fx, weights_, squared_);
+  meter_.charge(Work::kHomographyPoint, fit.iterations * static_cast<int64_t>(found.size()));
+  const float* weight = weights_.data();
+  for (TrackedPoint& point : points_) point.weight = point.found ? *weight++ : 0.0f;
+  sigma_px_ = kStartSigma_px * fit.sigma;
+  if (fit.ok) H_ = fit.H;
+  return fit.ok;
+}
+
+}  // namespace pptam
