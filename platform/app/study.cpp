@@ -182,7 +182,7 @@ Quantiles quantiles(std::vector<double> values) {
 }
 
 std::vector<std::string> summary_cells(const std::string& kind, const std::vector<StudyTrial>& trials) {
-  int count = 0, initialised = 0, wrong = 0, right = 0, early = 0, planes = 0, told = 0;
+  int count = 0, initialised = 0, wrong = 0, right = 0, early = 0, planes = 0;
   std::vector<double> normals, ends, times, baselines, ates, costs, shares;
   for (const StudyTrial& trial : trials) {
     if (trial.kind != kind) continue;
@@ -192,7 +192,6 @@ std::vector<std::string> summary_cells(const std::string& kind, const std::vecto
     right += trial.right();
     early += trial.early;
     planes += trial.plane_known;
-    told += trial.last_hint != Hint::kNone;
     costs.push_back(trial.worst_minstructions);
     shares.push_back(100 * trial.plane_share);
     if (!trial.initialised) continue;
