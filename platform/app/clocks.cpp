@@ -30,16 +30,16 @@ void SteadyClock::idle_until(int64_t t_ns) {
 
 int64_t ThrottledClock::now_ns() const {
   const double cpu_ns = static_cast<double>(read_clock_ns(CLOCK_THREAD_CPUTIME_ID));
-  return skipped_ns_ + static_cast<int64_t>(cpu_ns * slowdown_);
+  return saturated_sum(skipped_ns_, static_cast<int64_t>(cpu_ns * slowdown_));
 }
 
 void ThrottledClock::idle_until(int64_t t_ns) {
   const int64_t now = now_ns();
-  if (t_ns > now) skipped_ns_ += t_ns - now;
+  if (t_ns > now) skipped_ns_ = saturated_sum(skipped_ns_, saturated_difference(t_ns, now));
 }
 
 void ThrottledClock::forget_since(int64_t t_ns) {
-  skipped_ns_ -= now_ns() - t_ns;
+  skipped_ns_ = saturated_difference(skipped_ns_, saturated_difference(now_ns(), t_ns));
 }
 
 }  // namespace pptam::app

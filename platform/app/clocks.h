@@ -21,8 +21,7 @@ class ThrottledClock final : public Clock {
   explicit ThrottledClock(double slowdown) : slowdown_(slowdown) {}
   int64_t now_ns() const override;
   void idle_until(int64_t t_ns) override;  // jumps
-  // Work done since t_ns does not count: rendering, decoding and drawing, which are no part of the phone.
-  void forget_since(int64_t t_ns);
+  void forget_since(int64_t t_ns) override;
 
  private:
   double slowdown_;

@@ -7,6 +7,7 @@
 #include <random>
 
 #include "platform/camera.h"
+#include "scheduler/clock.h"
 
 namespace pptam::app {
 namespace {
@@ -19,6 +20,15 @@ using platform::Trajectory;
 constexpr double kDegrees = 180 / std::numbers::pi;
 constexpr size_t kMinPoses = 3;  // a similarity has 7 unknowns, three positions give 9 equations
 
+// From one pose to a later one; a trajectory's timestamps may lie anywhere.
+int64_t elapsed_ns(const auto& from, const auto& to) {
+  return saturated_difference(to.timestamp_ns, from.timestamp_ns);
+}
+
+int64_t distance_ns(int64_t a, int64_t b) {
+  return saturated_difference(std::max(a, b), std::min(a, b));
+}
+
 double median(std::vector<double> values) {
   if (values.empty()) return 0;
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
@@ -29,7 +39,7 @@ double median(std::vector<double> values) {
 double median_interval_s(const Trajectory& trajectory) {
   std::vector<double> intervals;
   for (size_t i = 1; i < trajectory.size(); ++i) {
-    intervals.push_back(1e-9 * static_cast<double>(trajectory[i].timestamp_ns - trajectory[i - 1].timestamp_ns));
+    intervals.push_back(1e-9 * static_cast<double>(elapsed_ns(trajectory[i - 1], trajectory[i])));
   }
   return median(intervals);
 }
@@ -44,11 +54,11 @@ std::vector<AssociatedPose> associate(const Trajectory& estimate, const Trajecto
     if (after != truth.end()) nearest = &*after;
     if (after != truth.begin()) {
       const platform::StampedPose& before = *std::prev(after);
-      if (nearest == nullptr || pose.timestamp_ns - before.timestamp_ns < nearest->timestamp_ns - pose.timestamp_ns) {
+      if (nearest == nullptr || elapsed_ns(before, pose) < elapsed_ns(pose, *nearest)) {
         nearest = &before;
       }
     }
-    if (nearest == nullptr || std::llabs(nearest->timestamp_ns - pose.timestamp_ns) > max_difference_ns) continue;
+    if (nearest == nullptr || distance_ns(nearest->timestamp_ns, pose.timestamp_ns) > max_difference_ns) continue;
     AssociatedPose associated;
     associated.timestamp_ns = pose.timestamp_ns;
     associated.T_wc = pose.T_wc;
@@ -174,20 +184,20 @@ void measure_relative_motion(double scale, Evaluation* e) {
   constexpr int64_t kStepNs = 1'000'000'000;
   std::vector<double> intervals;
   for (size_t i = 1; i < e->poses.size(); ++i) {
-    intervals.push_back(static_cast<double>(e->poses[i].timestamp_ns - e->poses[i - 1].timestamp_ns));
+    intervals.push_back(static_cast<double>(elapsed_ns(e->poses[i - 1], e->poses[i])));
   }
   const auto tolerance_ns = static_cast<int64_t>(0.5 * median(intervals));  // beyond it, the pose itself is missing
   double translation_sq = 0;
   double rotation_sq = 0;
   size_t j = 0;
   for (const AssociatedPose& from : e->poses) {
-    const int64_t target = from.timestamp_ns + kStepNs;
+    const int64_t target = saturated_sum(from.timestamp_ns, kStepNs);
     while (j + 1 < e->poses.size() &&
-           std::llabs(e->poses[j + 1].timestamp_ns - target) <= std::llabs(e->poses[j].timestamp_ns - target)) {
+           distance_ns(e->poses[j + 1].timestamp_ns, target) <= distance_ns(e->poses[j].timestamp_ns, target)) {
       ++j;
     }
     const AssociatedPose& to = e->poses[j];
-    if (std::llabs(to.timestamp_ns - target) > tolerance_ns) continue;
+    if (distance_ns(to.timestamp_ns, target) > tolerance_ns) continue;
     const Eigen::Isometry3d truth = from.truth_T_wc.inverse() * to.truth_T_wc;
     Eigen::Isometry3d estimate = from.T_wc.inverse() * to.T_wc;
     estimate.translation() *= scale;
@@ -203,15 +213,15 @@ void measure_relative_motion(double scale, Evaluation* e) {
 }
 
 double covered_fraction(const Trajectory& estimate, const Trajectory& truth) {
-  const double span = static_cast<double>(truth.back().timestamp_ns - truth.front().timestamp_ns);
+  const double span = static_cast<double>(elapsed_ns(truth.front(), truth.back()));
   if (!(span > 0)) return 0;
   const double longest = 3e9 * median_interval_s(estimate);
   double covered = 0;
   for (size_t i = 1; i < estimate.size(); ++i) {
     const int64_t from = std::max(estimate[i - 1].timestamp_ns, truth.front().timestamp_ns);
     const int64_t to = std::min(estimate[i].timestamp_ns, truth.back().timestamp_ns);
-    const double step = static_cast<double>(estimate[i].timestamp_ns - estimate[i - 1].timestamp_ns);
-    if (to > from && step <= longest) covered += static_cast<double>(to - from);
+    const double step = static_cast<double>(elapsed_ns(estimate[i - 1], estimate[i]));
+    if (to > from && step <= longest) covered += static_cast<double>(saturated_difference(to, from));
   }
   return covered / span;
 }
@@ -254,8 +264,8 @@ Evaluation evaluate(const Trajectory& estimate, const Trajectory& truth, const s
   for (size_t i = 1; i < truth.size(); ++i) {
     // Half a millisecond of slack keeps the ends that were associated with slightly different times.
     constexpr int64_t kSlackNs = 500'000;
-    if (truth[i - 1].timestamp_ns + kSlackNs < e.poses.front().timestamp_ns) continue;
-    if (truth[i].timestamp_ns - kSlackNs > e.poses.back().timestamp_ns) break;
+    if (saturated_sum(truth[i - 1].timestamp_ns, kSlackNs) < e.poses.front().timestamp_ns) continue;
+    if (saturated_difference(truth[i].timestamp_ns, kSlackNs) > e.poses.back().timestamp_ns) break;
     e.path_length += (truth_position(i) - truth_position(i - 1)).norm();
   }
   e.path_length = std::max(e.path_length, e.extent);

@@ -12,6 +12,7 @@
 
 #include "image/grey.h"
 #include "platform/child_process.h"
+#include "scheduler/clock.h"
 
 namespace pptam::app {
 namespace {
@@ -515,7 +516,8 @@ struct Overlay::Impl {
     if (!encoder) return;
     if (encoded == 0) first_ns = timestamp_ns;
     constexpr int64_t kLongestStill = 150;  // pictures; a longer pause in the source is cut short
-    const int64_t due = std::llround(1e-9 * static_cast<double>(timestamp_ns - first_ns) * fps) + 1 - skipped;
+    const int64_t due =
+        std::llround(1e-9 * static_cast<double>(saturated_difference(timestamp_ns, first_ns)) * fps) + 1 - skipped;
     const int64_t missing = std::max<int64_t>(1, due - encoded);
     if (missing > kLongestStill) skipped += missing - kLongestStill;
     const size_t bytes =

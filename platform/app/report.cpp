@@ -11,6 +11,7 @@
 #include <iterator>
 
 #include "platform/child_process.h"
+#include "scheduler/clock.h"
 
 namespace pptam::app {
 namespace {
@@ -404,7 +405,7 @@ std::string plot_trajectories(const Evaluation& e, const platform::Trajectory& t
     const AssociatedPose& pose = e.poses[i];
     const Vector3d p = e.robust_alignment * pose.T_wc.translation();
     constexpr int64_t kGapNs = 500'000'000;  // where tracking was lost the line breaks
-    if (i > 0 && pose.timestamp_ns - e.poses[i - 1].timestamp_ns > kGapNs) right += "\n";
+    if (i > 0 && saturated_difference(pose.timestamp_ns, e.poses[i - 1].timestamp_ns) > kGapNs) right += "\n";
     append_row(&right, p, 0);
     if (pose.wrong) append_row(&wrong, p, 0);
   }

@@ -220,21 +220,19 @@ RunLog run_sequence(platform::Camera& camera, const RunOptions& options, const S
   on_start(log.camera);
   Taps taps(options.taps_s, options.auto_start, !options.load_map.empty());
   const int64_t first_timestamp_ns = source.current().timestamp_ns;
-  const int64_t origin_ns = clock->now_ns() - first_timestamp_ns;
-  auto* const throttled = dynamic_cast<ThrottledClock*>(clock.get());
-  // What the camera and the overlay cost is not the phone's time.
+  const int64_t origin_ns = saturated_difference(clock->now_ns(), first_timestamp_ns);
   const auto advance = [&](int64_t since_ns) {
     const bool more = source.advance();
-    if (throttled) throttled->forget_since(since_ns);
+    clock->forget_since(since_ns);  // reading the source and drawing the overlay
     return more;
   };
   int64_t end_ns = clock->now_ns();
   do {
     const int index = log.source_frames++;
     const Frame& frame = source.current();
-    const int64_t arrival_ns = origin_ns + frame.timestamp_ns;
+    const int64_t arrival_ns = saturated_sum(origin_ns, frame.timestamp_ns);
     const auto next_ns = source.next_timestamp_ns();
-    if (options.drop_late && next_ns && clock->now_ns() >= origin_ns + *next_ns) {
+    if (options.drop_late && next_ns && clock->now_ns() >= saturated_sum(origin_ns, *next_ns)) {
       ++log.dropped;
       end_ns = clock->now_ns();
       continue;
@@ -245,7 +243,8 @@ RunLog run_sequence(platform::Camera& camera, const RunOptions& options, const S
     const int64_t idle_to_ns = clock->now_ns();
     clock->idle_until(arrival_ns);
 
-    if (taps.due(1e-9 * static_cast<double>(frame.timestamp_ns - first_timestamp_ns), log)) system->tap();
+    if (taps.due(1e-9 * static_cast<double>(saturated_difference(frame.timestamp_ns, first_timestamp_ns)), log))
+      system->tap();
     const int64_t start_ns = clock->now_ns();
     const int64_t start_instructions = system->work_meter().instructions();
     const TrackResult result = system->track(frame);
@@ -257,7 +256,7 @@ RunLog run_sequence(platform::Camera& camera, const RunOptions& options, const S
     end_ns = clock->now_ns();
     entry.index = index;
     entry.track_ns = end_ns - start_ns;
-    entry.late_ns = end_ns - arrival_ns;
+    entry.late_ns = saturated_difference(end_ns, arrival_ns);
     entry.mapping_ns = idle_to_ns - idle_from_ns;
     entry.idle_slices = slices;
     entry.instructions = system->work_meter().instructions() - start_instructions;
@@ -310,7 +309,8 @@ const FrameLog* RunLog::first_tracked() const {
 }
 
 double RunLog::seconds(int64_t timestamp_ns) const {
-  return frames.empty() ? 0 : 1e-9 * static_cast<double>(timestamp_ns - frames.front().timestamp_ns);
+  return frames.empty() ? 0
+                        : 1e-9 * static_cast<double>(saturated_difference(timestamp_ns, frames.front().timestamp_ns));
 }
 
 double RunLog::reprojection_px() const {

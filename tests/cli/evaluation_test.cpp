@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <string>
 
@@ -243,6 +244,20 @@ TEST(Evaluation, RefusesWhatCannotBeCompared) {
   EXPECT_NE(refusal(still, truth).find("estimate.txt: the camera does not move"), std::string::npos);
 
   EXPECT_EQ(refusal(Trajectory(truth.begin(), truth.begin() + 3), truth), "");
+}
+
+// Times at the two ends of int64_t are far apart; their difference, wrapped round, would be a millisecond.
+TEST(Evaluation, PosesAtTheTwoEndsOfTimeAreNotTakenForNeighbours) {
+  Trajectory estimate = wavy_path(4);
+  Trajectory truth = estimate;
+  for (int i = 0; i < 4; ++i) {
+    estimate[static_cast<size_t>(i)].timestamp_ns = std::numeric_limits<int64_t>::min() + i * 100'000;
+    truth[static_cast<size_t>(i)].timestamp_ns = std::numeric_limits<int64_t>::max() - (3 - i) * 100'000;
+  }
+  EXPECT_NE(refusal(estimate, truth).find("no pose lies within"), std::string::npos) << refusal(estimate, truth);
+  Trajectory both = estimate;
+  both.insert(both.end(), truth.begin(), truth.end());
+  EXPECT_LT(judge(both, both).ate_rmse, kExact);
 }
 
 }  // namespace
