@@ -6,8 +6,12 @@
 #include <cstdio>
 #include <cstdlib>
 
+#include "platform/text.h"
+
 namespace pptam::app {
 namespace {
+
+using platform::format;
 
 bool use_colour(int fd) {
   const char* no_colour = std::getenv("NO_COLOR");

@@ -11,9 +11,12 @@
 #include "platform/app/keeping_camera.h"
 #include "platform/app/report.h"
 #include "platform/app/suite.h"
+#include "platform/text.h"
 
 namespace pptam::app {
 namespace {
+
+using platform::format;
 
 constexpr int kEnoughKeyframes = 150;
 constexpr double kGoalRatio = 1.15;

@@ -9,11 +9,13 @@
 #include "platform/app/evaluation.h"
 #include "platform/app/judgement.h"
 #include "platform/app/report.h"
+#include "platform/text.h"
 #include "sim_phone/random.h"
 
 namespace pptam::app {
 namespace {
 
+using platform::format;
 using platform::InputError;
 
 constexpr double kLap_s = 60;

@@ -6,7 +6,7 @@
 #include <numbers>
 #include <random>
 
-#include "platform/camera.h"
+#include "platform/input_error.h"
 #include "scheduler/clock.h"
 
 namespace pptam::app {

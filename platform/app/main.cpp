@@ -21,6 +21,7 @@
 #include "platform/camera/dump_sequence.h"
 #include "platform/camera/recorded_camera.h"
 #include "platform/files.h"
+#include "platform/text.h"
 #include "sim_phone/motion.h"
 #include "sim_phone/phone_camera.h"
 #include "sim_phone/story.h"
@@ -29,6 +30,7 @@ namespace {
 
 using namespace pptam;
 using namespace pptam::app;
+using platform::format;
 using platform::InputError;
 
 constexpr int kExitOk = 0;
@@ -120,10 +122,9 @@ constexpr const char* kOutputs[] = {"trajectory.txt", "keyframes.txt", "map.ply"
                                     "report.html",    "overlay.mp4",   "overlay.png", "start.png"};
 
 void prepare_folder(const std::filesystem::path& folder) {
-  std::error_code error;
-  std::filesystem::create_directories(folder, error);
-  if (error) throw InputError("--out " + folder.string() + ": cannot be made: " + error.message());
-  for (const char* name : kOutputs) std::filesystem::remove(folder / name, error);  // of an earlier run
+  platform::make_folder(folder, "--out");
+  std::error_code ignored;
+  for (const char* name : kOutputs) std::filesystem::remove(folder / name, ignored);  // of an earlier run
 }
 
 void check_map_options(const RunOptions& run, const OutputOptions& output) {
@@ -621,7 +622,7 @@ int run_program(int argc, char** argv) {
                        evaluation.estimate_poses, 100 * evaluation.covered_fraction)}};
   for (SummaryRow& row : summarise(evaluation)) rows.push_back(std::move(row));
   print_rows(rows);
-  if (!plot_file.empty()) write_file(plot_file, plot_trajectories(evaluation, truth));
+  if (!plot_file.empty()) platform::write_text(plot_file, plot_trajectories(evaluation, truth));
   return kExitOk;
 }
 

@@ -12,23 +12,15 @@
 #include "platform/camera.h"
 #include "platform/camera/image_files.h"
 #include "platform/files.h"
+#include "platform/text.h"
 
 namespace pptam::app {
 namespace {
 
+using platform::format;
 using platform::InputError;
 
 constexpr size_t kLargestMapFile = size_t{1} << 30;
-
-void write_text(const std::filesystem::path& file, const std::string& text) {
-  platform::write_atomically(file, std::as_bytes(std::span(text)));
-}
-
-void make_folder(const std::filesystem::path& folder) {
-  std::error_code error;
-  std::filesystem::create_directories(folder, error);
-  if (error) throw InputError(folder.string() + ": cannot be made: " + error.message());
-}
 
 // A map that was read from a file, inside a System of its own.
 class LoadedMap {
@@ -135,12 +127,12 @@ std::string image_name(uint32_t keyframe_id) {
 
 // cameras.txt, images.txt and points3D.txt as COLMAP reads them, and the images that they name.
 void write_colmap(const LoadedMap& map, const std::filesystem::path& folder) {
-  make_folder(folder / "images");
+  platform::make_folder(folder / "images");
   for (const KeyframeInfo& keyframe : map.keyframes())
     platform::write_png(folder / "images" / image_name(keyframe.id), map.system().keyframe_image(keyframe.id));
 
-  write_text(folder / "cameras.txt",
-             "# CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]\n1 " + colmap_camera(map.info().camera) + "\n");
+  platform::write_text_atomically(
+      folder / "cameras.txt", "# CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]\n1 " + colmap_camera(map.info().camera) + "\n");
 
   // Observations by image; their places in it are what the tracks refer to.
   const std::vector<float> errors = reprojection_errors(map);
@@ -163,7 +155,7 @@ void write_colmap(const LoadedMap& map, const std::filesystem::path& folder) {
                      t.z()) +
               image_name(keyframe.id) + "\n" + observations[keyframe.id] + "\n";
   }
-  write_text(folder / "images.txt", images);
+  platform::write_text_atomically(folder / "images.txt", images);
 
   std::string points = "# POINT3D_ID X Y Z R G B ERROR TRACK[] as IMAGE_ID POINT2D_IDX\n";
   for (const MapPointInfo& point : map.points()) {
@@ -172,7 +164,7 @@ void write_colmap(const LoadedMap& map, const std::filesystem::path& folder) {
                      point.grey, point.grey, point.grey, count > 0 ? sum / count : 0.0) +
               tracks[point.id] + "\n";
   }
-  write_text(folder / "points3D.txt", points);
+  platform::write_text_atomically(folder / "points3D.txt", points);
 }
 
 }  // namespace
@@ -240,7 +232,7 @@ void write_ply(const std::filesystem::path& file, std::span<const MapPointInfo> 
     text += format("%.7g %.7g %.7g %.4f %.4f %.4f %d %d %d %d\n", point.p_w.x(), point.p_w.y(), point.p_w.z(),
                    point.normal_w.x(), point.normal_w.y(), point.normal_w.z(), grey, grey, grey, point.measurements);
   }
-  write_text(file, text);
+  platform::write_text_atomically(file, text);
 }
 
 }  // namespace pptam::app

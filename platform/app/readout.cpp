@@ -9,9 +9,12 @@
 
 #include "platform/app/console.h"
 #include "platform/app/suite.h"
+#include "platform/text.h"
 
 namespace pptam::app {
 namespace {
+
+using platform::format;
 
 constexpr int kSteps = 4;              // of the readout in either direction, up to the time between two frames
 constexpr int kRounds = 2;             // of halving the step round the best

@@ -4,13 +4,14 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdarg>
 #include <cstdio>
 #include <fstream>
 #include <functional>
 #include <iterator>
 
 #include "platform/child_process.h"
+#include "platform/files.h"
+#include "platform/text.h"
 #include "scheduler/clock.h"
 
 namespace pptam::app {
@@ -18,7 +19,9 @@ namespace {
 
 using Eigen::Vector3d;
 using platform::ChildProcess;
+using platform::format;
 using platform::InputError;
+using platform::write_text;
 
 std::string base64(const std::string& bytes) {
   static constexpr char kDigits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
@@ -42,7 +45,7 @@ class TemporaryFile {
     if (fd < 0) throw InputError(name + ": cannot make a temporary file");
     path_ = name;
     close(fd);
-    write_file(path_, content);
+    write_text(path_, content);
   }
   ~TemporaryFile() {
     std::error_code ignored;
@@ -258,20 +261,6 @@ std::string svg_tag(const std::string& svg, const std::string& alt) {
   return image_tag("image/svg+xml", svg, alt);
 }
 
-std::string format(const char* pattern, ...) {
-  va_list arguments;
-  va_start(arguments, pattern);
-  va_list again;
-  va_copy(again, arguments);
-  const int length = std::vsnprintf(nullptr, 0, pattern, arguments);
-  va_end(arguments);
-  std::string text(static_cast<size_t>(std::max(length, 0)) + 1, '\0');
-  std::vsnprintf(text.data(), text.size(), pattern, again);
-  va_end(again);
-  text.pop_back();
-  return text;
-}
-
 std::string html_escaped(const std::string& text) {
   std::string escaped;
   for (const char c : text) {
@@ -312,13 +301,6 @@ std::string html_head(const std::string& title) {
          ".side img{max-height:460px;width:auto;border-radius:6px}\n"
          "code{background:#eef0f3;padding:.5rem .7rem;border-radius:6px;display:block;overflow-x:auto}\n"
          "p{margin:.5rem 0 0;color:#5b6370;font-size:.93rem}\n</style></head>\n<body><main>\n";
-}
-
-void write_file(const std::filesystem::path& file, const std::string& content) {
-  std::ofstream out(file, std::ios::binary);
-  out << content;
-  out.close();
-  if (!out) throw InputError(file.string() + ": cannot be written");
 }
 
 std::vector<SummaryRow> summarise(const Evaluation& e) {
@@ -480,7 +462,7 @@ void write_report(const std::filesystem::path& folder, const RunLog& log, const 
           (log.clock == ClockKind::kWork ? ". The work clock makes it repeatable bit for bit."
                                          : ". Timed by a real clock: a repeated run will differ.") +
           "</p></section>\n</main></body></html>\n";
-  write_file(folder / "report.html", page);
+  write_text(folder / "report.html", page);
 }
 
 }  // namespace pptam::app

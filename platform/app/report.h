@@ -30,14 +30,9 @@ std::vector<SummaryRow> summarise(const RunLog& log, const RunSummary& summary);
 std::vector<SummaryRow> summarise(const Evaluation& evaluation);
 std::vector<SummaryRow> summarise(const Judgement& judgement);
 
-// printf-like formatting into a string.
-[[gnu::format(printf, 1, 2)]] std::string format(const char* pattern, ...);
 std::string html_escaped(const std::string& text);
 // The common head of our HTML pages, up to and including <body>.
 std::string html_head(const std::string& title);
-
-// Throws InputError when the file cannot be written.
-void write_file(const std::filesystem::path& file, const std::string& content);
 
 // A gnuplot script's picture in the house style, as SVG, and its HTML tag. Throws InputError without gnuplot.
 std::string plot_svg(int width, int height, const std::string& script);

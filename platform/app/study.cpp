@@ -10,6 +10,8 @@
 #include "platform/app/evaluation.h"
 #include "platform/app/report.h"
 #include "platform/app/suite.h"
+#include "platform/files.h"
+#include "platform/text.h"
 #include "sim_phone/random.h"
 
 namespace pptam::app {
@@ -18,6 +20,7 @@ namespace {
 using Eigen::Isometry3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
+using platform::format;
 using platform::InputError;
 
 constexpr double kDegree = std::numbers::pi / 180;
@@ -45,9 +48,7 @@ const Kind& kind_named(const std::string& name) {
   for (const Kind& kind : kinds()) {
     if (name == kind.name) return kind;
   }
-  std::string names;
-  for (const Kind& kind : kinds()) names += (names.empty() ? "" : ", ") + std::string(kind.name);
-  throw InputError("--kind " + name + ": choose one of " + names);
+  throw InputError("--kind " + name + ": choose one of " + platform::joined(study_kinds()));
 }
 
 sim::PhoneOptions phone_for(const Kind& kind, uint64_t seed) {
@@ -428,9 +429,7 @@ StudyTrial run_study_trial(const std::string& kind, uint64_t seed, double follow
 
 int run_study(const StudyOptions& options) {
   for (const std::string& kind : options.kinds) kind_named(kind);
-  std::error_code error;
-  std::filesystem::create_directories(options.out, error);
-  if (error) throw InputError("--out " + options.out.string() + ": cannot be made: " + error.message());
+  platform::make_folder(options.out, "--out");
 
   const size_t seeds = static_cast<size_t>(options.seeds);
   const size_t groups = (seeds + kTrialsPerScene - 1) / kTrialsPerScene;
@@ -469,9 +468,9 @@ int run_study(const StudyOptions& options) {
                                                              100 * trial.depth_share, 100 * trial.wrong_fraction);
     std::printf("not right: %s %d: %s\n", trial.kind.c_str(), static_cast<int>(trial.seed), what.c_str());
   }
-  write_file(options.out / "study.csv", csv_of(trials));
+  platform::write_text(options.out / "study.csv", csv_of(trials));
   try {
-    write_file(options.out / "study.html", html_of(trials, options, rows));
+    platform::write_text(options.out / "study.html", html_of(trials, options, rows));
   } catch (const InputError& problem) {
     print_warning(std::string(problem.what()) + "; study.html is not written");
   }

@@ -14,11 +14,14 @@
 #include "platform/app/judgement.h"
 #include "platform/app/keeping_camera.h"
 #include "platform/app/report.h"
+#include "platform/files.h"
+#include "platform/text.h"
 #include "sim_phone/story.h"
 
 namespace pptam::app {
 namespace {
 
+using platform::format;
 using platform::InputError;
 
 constexpr double kNone = std::numeric_limits<double>::quiet_NaN();  // shown as "-"
@@ -513,9 +516,7 @@ int run_suite(const SuiteOptions& options) {
   for (size_t group = 0; group < groups.size(); ++group) {  // refuses bad options before hours of work
     sim::check_phone_options(phone_for(options, group, 1));
   }
-  std::error_code error;
-  std::filesystem::create_directories(options.out, error);
-  if (error) throw InputError("--out " + options.out.string() + ": cannot be made: " + error.message());
+  platform::make_folder(options.out, "--out");
 
   const size_t seeds = static_cast<size_t>(options.seeds);
   const std::vector<size_t> chosen = runs_of(options.shard, groups.size() * seeds);
@@ -540,9 +541,9 @@ int run_suite(const SuiteOptions& options) {
     const std::string faults = faults_of(row);
     if (!faults.empty()) std::printf("pocket-ptam sim %s: %s\n", row.repeat.c_str(), faults.c_str());
   }
-  write_file(options.out / "suite.csv", csv_of(runs));
+  platform::write_text(options.out / "suite.csv", csv_of(runs));
   try {
-    write_file(options.out / "suite.html", html_of(runs, summary, goals, groups, options));
+    platform::write_text(options.out / "suite.html", html_of(runs, summary, goals, groups, options));
   } catch (const InputError& problem) {
     print_warning(std::string(problem.what()) + "; suite.html is not written");
   }

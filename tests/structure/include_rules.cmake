@@ -24,7 +24,7 @@ set(API "${API}|image/grey\\.h")
 
 set(ALLOWED_platform/app "${API}|platform/|sim_phone/")
 set(ALLOWED_platform "${API}|platform/[^/]*$|platform/camera/|platform/display/")
-set(ALLOWED_sim_phone "${API}|platform/camera\\.h|platform/trajectory\\.h|platform/camera/image_files\\.h|sim_phone/")
+set(ALLOWED_sim_phone "${API}|platform/(camera|trajectory|input_error|text)\\.h|platform/camera/image_files\\.h|sim_phone/")
 set(FOLDERS core/base core/image core/geometry core/scheduler core/map core/tracking core/mapping core platform/app
     platform sim_phone)
 
