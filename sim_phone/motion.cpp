@@ -7,7 +7,6 @@
 #include <vector>
 
 #include "sim_phone/hand.h"
-#include "sim_phone/phone_camera.h"
 #include "sim_phone/random.h"
 
 namespace pptam::sim {

@@ -7,21 +7,24 @@
 #include <memory>
 #include <optional>
 
-#include "platform/app/console.h"
-#include "platform/app/culling_study.h"
-#include "platform/app/endurance.h"
-#include "platform/app/evaluation.h"
 #include "platform/app/map_command.h"
-#include "platform/app/overlay.h"
 #include "platform/app/readout.h"
-#include "platform/app/report.h"
-#include "platform/app/run.h"
-#include "platform/app/study.h"
-#include "platform/app/suite.h"
 #include "platform/camera/dump_sequence.h"
 #include "platform/camera/recorded_camera.h"
 #include "platform/files.h"
+#include "platform/run/console.h"
+#include "platform/run/evaluation.h"
+#include "platform/run/names.h"
+#include "platform/run/overlay.h"
+#include "platform/run/report.h"
+#include "platform/run/run.h"
+#include "platform/run/text_outputs.h"
 #include "platform/text.h"
+#include "sim_phone/laboratory/culling_study.h"
+#include "sim_phone/laboratory/endurance.h"
+#include "sim_phone/laboratory/judgement.h"
+#include "sim_phone/laboratory/start_study.h"
+#include "sim_phone/laboratory/suite.h"
 #include "sim_phone/motion.h"
 #include "sim_phone/phone_camera.h"
 #include "sim_phone/story.h"
@@ -30,8 +33,8 @@ namespace {
 
 using namespace pptam;
 using namespace pptam::app;
-using platform::format;
-using platform::InputError;
+using namespace pptam::platform;
+using namespace pptam::laboratory;
 
 constexpr int kExitOk = 0;
 constexpr int kExitBroken = 1;    // the source or an output broke midway
@@ -179,7 +182,7 @@ int run_and_write(platform::Camera& camera, const RunOptions& run_options, const
     const RollingShutter& shutter = log.camera.shutter;
     const int lines = shutter.axis == RollingShutter::Axis::kColumns ? log.camera.model.width : log.camera.model.height;
     const float exposed_s = std::abs(shutter.line_time_s) * static_cast<float>(lines) + log.camera.exposure_s;
-    summary.judgement = judge(log, truth, *story, static_cast<double>(exposed_s));
+    summary.judgement = summarise(judge(log, truth, *story, static_cast<double>(exposed_s)));
   }
   write_text_outputs(log, folder);
   if (!output.no_report) write_report(folder, log, summary, truth, &warnings);
@@ -582,7 +585,7 @@ int run_program(int argc, char** argv) {
       return kExitOk;
     }
     const sim::Story story = sim::story_of(phone, *scene);
-    return run_and_write(*camera, run, output, ground_plane_known(phone.scene), command, &story);
+    return run_and_write(*camera, run, output, sim::ground_plane_known(phone.scene), command, &story);
   }
 
   if (replay->parsed()) {

@@ -7,20 +7,18 @@
 #include <map>
 #include <utility>
 
-#include "platform/app/console.h"
-#include "platform/app/report.h"
-#include "platform/camera.h"
 #include "platform/camera/image_files.h"
 #include "platform/files.h"
+#include "platform/run/console.h"
+#include "platform/run/names.h"
+#include "platform/run/run.h"
+#include "platform/run/text_outputs.h"
 #include "platform/text.h"
 
 namespace pptam::app {
 namespace {
 
-using platform::format;
-using platform::InputError;
-
-constexpr size_t kLargestMapFile = size_t{1} << 30;
+using namespace platform;
 
 // A map that was read from a file, inside a System of its own.
 class LoadedMap {
@@ -66,7 +64,7 @@ class LoadedMap {
   std::vector<MeasurementInfo> measurements_;
 };
 
-const char* name_of(Distortion distortion) {
+const char* distortion_name(Distortion distortion) {
   switch (distortion) {
     case Distortion::kNone:
       return "no distortion";
@@ -127,12 +125,12 @@ std::string image_name(uint32_t keyframe_id) {
 
 // cameras.txt, images.txt and points3D.txt as COLMAP reads them, and the images that they name.
 void write_colmap(const LoadedMap& map, const std::filesystem::path& folder) {
-  platform::make_folder(folder / "images");
+  make_folder(folder / "images");
   for (const KeyframeInfo& keyframe : map.keyframes())
-    platform::write_png(folder / "images" / image_name(keyframe.id), map.system().keyframe_image(keyframe.id));
+    write_png(folder / "images" / image_name(keyframe.id), map.system().keyframe_image(keyframe.id));
 
-  platform::write_text_atomically(
-      folder / "cameras.txt", "# CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]\n1 " + colmap_camera(map.info().camera) + "\n");
+  write_text_atomically(folder / "cameras.txt",
+                             "# CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]\n1 " + colmap_camera(map.info().camera) + "\n");
 
   // Observations by image; their places in it are what the tracks refer to.
   const std::vector<float> errors = reprojection_errors(map);
@@ -155,7 +153,7 @@ void write_colmap(const LoadedMap& map, const std::filesystem::path& folder) {
                      t.z()) +
               image_name(keyframe.id) + "\n" + observations[keyframe.id] + "\n";
   }
-  platform::write_text_atomically(folder / "images.txt", images);
+  write_text_atomically(folder / "images.txt", images);
 
   std::string points = "# POINT3D_ID X Y Z R G B ERROR TRACK[] as IMAGE_ID POINT2D_IDX\n";
   for (const MapPointInfo& point : map.points()) {
@@ -164,14 +162,10 @@ void write_colmap(const LoadedMap& map, const std::filesystem::path& folder) {
                      point.grey, point.grey, point.grey, count > 0 ? sum / count : 0.0) +
               tracks[point.id] + "\n";
   }
-  platform::write_text_atomically(folder / "points3D.txt", points);
+  write_text_atomically(folder / "points3D.txt", points);
 }
 
 }  // namespace
-
-std::vector<std::byte> read_map_file(const std::filesystem::path& file) {
-  return platform::read_file(file, kLargestMapFile);
-}
 
 void print_map_info(const std::filesystem::path& file) {
   const LoadedMap map(file);
@@ -182,12 +176,11 @@ void print_map_info(const std::filesystem::path& file) {
   std::vector<SummaryRow> rows;
   rows.push_back({"map", format("version %d, %zu bytes, checksum and contents good", info.version, map.bytes())});
   rows.push_back({"camera", format("%dx%d, fx %.6g, fy %.6g, cx %.6g, cy %.6g, %s", camera.width, camera.height,
-                                   camera.fx, camera.fy, camera.cx, camera.cy, name_of(camera.distortion))});
-  rows.push_back(
-      {"shutter", shutter.line_time_s == 0
-                      ? std::string("global")
-                      : format("%s:%c:%.6g", columns ? "columns" : "rows", shutter.line_time_s > 0 ? '+' : '-',
-                               std::abs(shutter.line_time_s) * (columns ? camera.width : camera.height))});
+                                   camera.fx, camera.fy, camera.cx, camera.cy, distortion_name(camera.distortion))});
+  rows.push_back({"shutter", shutter.line_time_s == 0
+                                 ? std::string("global")
+                                 : format("%s:%c:%.6g", name_of(shutter.axis), shutter.line_time_s > 0 ? '+' : '-',
+                                          std::abs(shutter.line_time_s) * (columns ? camera.width : camera.height))});
   rows.push_back({"keyframes", format("%d, and %d erased", info.keyframes, info.erased_keyframes)});
   Eigen::AlignedBox3f box;
   for (const MapPointInfo& point : map.points()) box.extend(point.p_w);
@@ -218,21 +211,6 @@ void export_map(const MapExportOptions& options) {
     std::printf("%zu images and %zu points written to %s\n", map.keyframes().size(), map.points().size(),
                 options.colmap.c_str());
   }
-}
-
-void write_ply(const std::filesystem::path& file, std::span<const MapPointInfo> points) {
-  std::string text = format(
-      "ply\nformat ascii 1.0\ncomment map points in world units, z = 0 is the dominant plane\nelement vertex %zu\n"
-      "property float x\nproperty float y\nproperty float z\n"
-      "property float nx\nproperty float ny\nproperty float nz\n"
-      "property uchar red\nproperty uchar green\nproperty uchar blue\nproperty int measurements\nend_header\n",
-      points.size());
-  for (const MapPointInfo& point : points) {
-    const int grey = point.grey;
-    text += format("%.7g %.7g %.7g %.4f %.4f %.4f %d %d %d %d\n", point.p_w.x(), point.p_w.y(), point.p_w.z(),
-                   point.normal_w.x(), point.normal_w.y(), point.normal_w.z(), grey, grey, grey, point.measurements);
-  }
-  platform::write_text_atomically(file, text);
 }
 
 }  // namespace pptam::app

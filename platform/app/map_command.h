@@ -18,11 +18,7 @@ struct MapExportOptions {
 };
 
 // Each throws InputError naming the file.
-std::vector<std::byte> read_map_file(const std::filesystem::path& file);
 void print_map_info(const std::filesystem::path& file);
 void export_map(const MapExportOptions& options);
-
-// Points with normals, grey values and numbers of measurements, as a text file for MeshLab or CloudCompare.
-void write_ply(const std::filesystem::path& file, std::span<const MapPointInfo> points);
 
 }  // namespace pptam::app

@@ -1,20 +1,20 @@
 #include "platform/app/readout.h"
 
 #include <algorithm>
-#include <cmath>
 #include <cstdio>
 #include <exception>
 #include <memory>
 #include <vector>
 
-#include "platform/app/console.h"
-#include "platform/app/suite.h"
+#include "platform/run/console.h"
+#include "platform/run/jobs.h"
+#include "platform/run/names.h"
 #include "platform/text.h"
 
 namespace pptam::app {
 namespace {
 
-using platform::format;
+using namespace platform;
 
 constexpr int kSteps = 4;              // of the readout in either direction, up to the time between two frames
 constexpr int kRounds = 2;             // of halving the step round the best
@@ -30,12 +30,8 @@ struct Trial {
   std::string trouble;
 };
 
-const char* name_of(RollingShutter::Axis axis) {
-  return axis == RollingShutter::Axis::kRows ? "rows" : "columns";
-}
-
 std::string option_for(const Trial& trial) {
-  return format("%s:%c:%.4f", name_of(trial.axis), trial.seconds < 0 ? '-' : '+', std::abs(trial.seconds));
+  return readout_text(trial.axis, trial.seconds);
 }
 
 Trial attempt(const ReadoutOptions& options, RollingShutter::Axis axis, double seconds) {

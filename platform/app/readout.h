@@ -5,14 +5,14 @@
 
 #include <string>
 
-#include "platform/app/run.h"
 #include "platform/camera/recorded_camera.h"
+#include "platform/run/run.h"
 
 namespace pptam::app {
 
 struct ReadoutOptions {
   platform::RecordingOptions recording;
-  RunOptions run;
+  platform::RunOptions run;
   std::string axes = "both";  // rows, columns or both
   int jobs = 1;
 };

@@ -1,5 +1,5 @@
 // The judge itself: known errors go in, the same errors must come out.
-#include "platform/app/evaluation.h"
+#include "platform/run/evaluation.h"
 
 #include <gtest/gtest.h>
 
@@ -11,7 +11,7 @@
 #include "platform/camera.h"
 #include "tests/support/random.h"
 
-namespace pptam::app {
+namespace pptam::platform {
 namespace {
 
 using Eigen::AngleAxisd;
@@ -261,4 +261,4 @@ TEST(Evaluation, PosesAtTheTwoEndsOfTimeAreNotTakenForNeighbours) {
 }
 
 }  // namespace
-}  // namespace pptam::app
+}  // namespace pptam::platform

@@ -5,7 +5,7 @@
 
 #include <limits>
 
-#include "platform/app/clocks.h"
+#include "platform/run/clocks.h"
 
 namespace pptam {
 namespace {
@@ -40,7 +40,7 @@ TEST(Clock, TheWorkClockStopsAtTheLastInstant) {
 }
 
 TEST(Clock, TheThrottledClockForgetsWhatIsNotThePhonesWork) {
-  app::ThrottledClock clock(100);
+  platform::ThrottledClock clock(100);
   clock.idle_until(1'000'000'000'000);
   const int64_t before = clock.now_ns();
   double sum = 0;

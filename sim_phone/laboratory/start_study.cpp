@@ -1,4 +1,4 @@
-#include "platform/app/study.h"
+#include "sim_phone/laboratory/start_study.h"
 
 #include <algorithm>
 #include <cmath>
@@ -6,22 +6,25 @@
 #include <numbers>
 #include <optional>
 
-#include "platform/app/console.h"
-#include "platform/app/evaluation.h"
-#include "platform/app/report.h"
-#include "platform/app/suite.h"
 #include "platform/files.h"
+#include "platform/input_error.h"
+#include "platform/run/console.h"
+#include "platform/run/evaluation.h"
+#include "platform/run/html.h"
+#include "platform/run/jobs.h"
+#include "platform/run/names.h"
+#include "platform/run/statistics.h"
 #include "platform/text.h"
 #include "sim_phone/random.h"
 
-namespace pptam::app {
+namespace pptam::laboratory {
 namespace {
+
+using namespace platform;
 
 using Eigen::Isometry3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
-using platform::format;
-using platform::InputError;
 
 constexpr double kDegree = std::numbers::pi / 180;
 constexpr double kNone = std::numeric_limits<double>::quiet_NaN();  // shown as "-"
@@ -158,28 +161,19 @@ double right_depths(const RunLog& log, const sim::Scene& scene, const sim::Start
   return static_cast<double>(right) / static_cast<double>(ratios.size());
 }
 
-std::string readout_text(const sim::PhoneOptions& phone) {
-  return std::string(phone.readout_axis == RollingShutter::Axis::kColumns ? "columns" : "rows") +
-         (phone.readout_s < 0 ? ":-:" : ":+:") + format("%.4f", std::abs(phone.readout_s));
-}
-
 std::string replay_options(const StudyTrial& trial) {
   const sim::PhoneOptions& phone = trial.phone;
   return format("--scene %s --scene-seed %d --motion %s --seed %d --readout %s --exposure %.6f --fps %g",
                 phone.scene.c_str(), static_cast<int>(phone.scene_seed.value_or(phone.seed)), phone.motion.c_str(),
-                static_cast<int>(phone.seed), readout_text(phone).c_str(), phone.exposure_s, phone.frames_per_s);
+                static_cast<int>(phone.seed), readout_text(phone.readout_axis, phone.readout_s).c_str(),
+                phone.exposure_s, phone.frames_per_s);
 }
 
 struct Quantiles {
   double median = kNone, p95 = kNone, worst = kNone;
 };
-Quantiles quantiles(std::vector<double> values) {
-  if (values.empty()) return {};
-  std::sort(values.begin(), values.end());
-  const auto at = [&](double share) {
-    return values[static_cast<size_t>(share * static_cast<double>(values.size() - 1) + 0.5)];
-  };
-  return {at(0.5), at(0.95), values.back()};
+Quantiles quantiles(const std::vector<double>& values) {
+  return {percentile(values, 0.5), percentile(values, 0.95), percentile(values, 1)};
 }
 
 std::vector<std::string> summary_cells(const std::string& kind, const std::vector<StudyTrial>& trials) {
@@ -478,4 +472,4 @@ int run_study(const StudyOptions& options) {
   return broken;
 }
 
-}  // namespace pptam::app
+}  // namespace pptam::laboratory

@@ -4,10 +4,11 @@
 
 #include <vector>
 
-#include "platform/app/run.h"
+#include "platform/run/run_log.h"
+#include "platform/run/summary.h"
 #include "sim_phone/story.h"
 
-namespace pptam::app {
+namespace pptam::laboratory {
 
 constexpr double kRecoveryLimit_s = 1;  // from the view's return to a right pose
 
@@ -47,9 +48,9 @@ struct Judgement {
 
 // exposed_s: from the first line's first light to the last line's last light; frames that see a part of a deliberate
 // loss belong to it. The story's times are the frames' timestamps.
-Judgement judge(const RunLog& log, const platform::Trajectory& truth, const sim::Story& story, double exposed_s);
+Judgement judge(const platform::RunLog& log, const platform::Trajectory& truth, const sim::Story& story,
+                double exposed_s);
 
-// The value that a share of the values does not exceed; NaN without values.
-double percentile(std::vector<double> values, double share);
+std::vector<platform::SummaryRow> summarise(const Judgement& judgement);
 
-}  // namespace pptam::app
+}  // namespace pptam::laboratory

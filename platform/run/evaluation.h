@@ -10,7 +10,7 @@
 
 #include "platform/trajectory.h"
 
-namespace pptam::app {
+namespace pptam::platform {
 
 // p_truth = scale * R * p_estimate + t.
 struct Similarity {
@@ -62,9 +62,9 @@ constexpr double kWrongExtentFraction = 0.1;
 constexpr double kWrongRotationDeg = 5;
 
 // The nearest pose of the truth within 0.02 s, or within half of the truth's usual interval when that is more, is
-// taken. Throws platform::InputError when there is nothing to compare: fewer than 3 associated poses, or no motion. The
+// taken. Throws InputError when there is nothing to compare: fewer than 3 associated poses, or no motion. The
 // names (files, or "ground truth") go into the message.
-Evaluation evaluate(const platform::Trajectory& estimate, const platform::Trajectory& truth,
-                    const std::string& estimate_name, const std::string& truth_name);
+Evaluation evaluate(const Trajectory& estimate, const Trajectory& truth, const std::string& estimate_name,
+                    const std::string& truth_name);
 
-}  // namespace pptam::app
+}  // namespace pptam::platform

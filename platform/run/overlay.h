@@ -9,14 +9,15 @@
 #include <string>
 #include <vector>
 
-#include "platform/app/run.h"
+#include "platform/camera.h"
+#include "platform/run/run_log.h"
 
-namespace pptam::app {
+namespace pptam::platform {
 
 class Overlay {
  public:
   // Writes into folder, which exists. Without ffmpeg there are only the stills, and a warning.
-  Overlay(const platform::CameraInfo& camera, const std::filesystem::path& folder, std::vector<std::string>* warnings);
+  Overlay(const CameraInfo& camera, const std::filesystem::path& folder, std::vector<std::string>* warnings);
   ~Overlay();
   Overlay(const Overlay&) = delete;
   Overlay& operator=(const Overlay&) = delete;
@@ -31,4 +32,4 @@ class Overlay {
   std::unique_ptr<Impl> impl_;
 };
 
-}  // namespace pptam::app
+}  // namespace pptam::platform

@@ -7,15 +7,15 @@
 #include <string>
 #include <vector>
 
-#include "platform/app/run.h"
+#include "platform/run/run.h"
 #include "sim_phone/phone_camera.h"
 
-namespace pptam::app {
+namespace pptam::laboratory {
 
 struct EnduranceOptions {
   int minutes = 60;
   sim::PhoneOptions phone;  // scene, seed, camera; motion and duration are those of one lap of a minute
-  RunOptions run;
+  platform::RunOptions run;
   bool twice = false;  // a second run must give the same map at the end of every minute
 };
 
@@ -45,4 +45,4 @@ EnduranceReport endure(const EnduranceOptions& options, bool quiet);
 // Runs, prints the table and the verdict. True: all criteria are met.
 bool run_endurance(const EnduranceOptions& options);
 
-}  // namespace pptam::app
+}  // namespace pptam::laboratory

@@ -1,4 +1,4 @@
-#include "platform/app/console.h"
+#include "platform/run/console.h"
 
 #include <unistd.h>
 
@@ -8,10 +8,8 @@
 
 #include "platform/text.h"
 
-namespace pptam::app {
+namespace pptam::platform {
 namespace {
-
-using platform::format;
 
 bool use_colour(int fd) {
   const char* no_colour = std::getenv("NO_COLOR");
@@ -91,4 +89,4 @@ void print_error(const std::string& text) {
   std::fprintf(stderr, "pocket-ptam: %s %s\n", coloured(STDERR_FILENO, "31", "error:").c_str(), one_line(text).c_str());
 }
 
-}  // namespace pptam::app
+}  // namespace pptam::platform

@@ -7,10 +7,10 @@
 #include <string>
 #include <vector>
 
-#include "platform/app/run.h"
+#include "platform/run/run.h"
 #include "sim_phone/phone_camera.h"
 
-namespace pptam::app {
+namespace pptam::laboratory {
 
 struct Shard {
   int number = 1;  // 1 to count
@@ -30,7 +30,7 @@ struct SuiteOptions {
   bool compare = false;     // also with a global shutter, and with a rolling one that the system is not told of
   sim::PhoneOptions phone;  // for scenes, but for scene and seed
   std::function<void(sim::PhoneOptions*)> adjust_story = [](sim::PhoneOptions*) {};  // what is to be unlike the story's
-  RunOptions run;
+  platform::RunOptions run;
   std::filesystem::path out;  // suite.csv and suite.html are written here
   std::string command, version;
   std::string repeat_options;  // of the command, to repeat one run
@@ -40,10 +40,4 @@ struct SuiteOptions {
 // runs that broke.
 int run_suite(const SuiteOptions& options);
 
-// job(0) to job(count - 1) on so many threads; each returns what the progress line shall say when it is done.
-void run_jobs(int threads, size_t count, const std::function<std::string(size_t)>& job);
-
-// Is the truth's z = 0 the dominant plane of this scene?
-bool ground_plane_known(const std::string& scene);
-
-}  // namespace pptam::app
+}  // namespace pptam::laboratory

@@ -1,4 +1,4 @@
-#include "platform/app/suite.h"
+#include "sim_phone/laboratory/suite.h"
 
 #include <algorithm>
 #include <atomic>
@@ -10,19 +10,21 @@
 #include <optional>
 #include <thread>
 
-#include "platform/app/console.h"
-#include "platform/app/judgement.h"
-#include "platform/app/keeping_camera.h"
-#include "platform/app/report.h"
 #include "platform/files.h"
+#include "platform/input_error.h"
+#include "platform/run/console.h"
+#include "platform/run/html.h"
+#include "platform/run/jobs.h"
+#include "platform/run/statistics.h"
 #include "platform/text.h"
+#include "sim_phone/laboratory/judgement.h"
+#include "sim_phone/laboratory/keeping_camera.h"
 #include "sim_phone/story.h"
 
-namespace pptam::app {
+namespace pptam::laboratory {
 namespace {
 
-using platform::format;
-using platform::InputError;
+using namespace platform;
 
 constexpr double kNone = std::numeric_limits<double>::quiet_NaN();  // shown as "-"
 
@@ -176,7 +178,7 @@ Row run_one(const SuiteOptions& options, size_t group, uint64_t seed) {
     v[kLag] = j.lag_frames;
     v[kMedian] = percentile(j.minstructions, 0.5);
     v[kHigh] = percentile(j.minstructions, 0.99);
-    if (ground_plane_known(phone.scene)) v[kPlane] = j.plane_deg;
+    if (sim::ground_plane_known(phone.scene)) v[kPlane] = j.plane_deg;
     if (options.compare && row.explores) {
       camera.again_as_global();
       v[kUnmodelled] = judge(run(camera, options), truth, story, exposed_s).ate_percent;
@@ -485,31 +487,6 @@ std::vector<size_t> runs_of(const Shard& shard, size_t runs) {
   return chosen;
 }
 
-bool ground_plane_known(const std::string& scene) {
-  return scene == "desk" || scene == "boxes" || scene == "plane" || scene == "sparse" || scene == "tiles" ||
-         scene == "board";
-}
-
-void run_jobs(int threads, size_t count, const std::function<std::string(size_t)>& job) {
-  std::atomic<size_t> next = 0;
-  std::mutex mutex;
-  Progress progress;
-  size_t done = 0;
-  const auto worker = [&] {
-    for (;;) {
-      const size_t i = next++;
-      if (i >= count) return;
-      const std::string text = job(i);
-      const std::lock_guard lock(mutex);
-      progress.show(static_cast<int>(++done), static_cast<int>(count), text);
-    }
-  };
-  std::vector<std::thread> workers;
-  for (int i = 0; i < threads; ++i) workers.emplace_back(worker);
-  for (std::thread& thread : workers) thread.join();
-  progress.finish();
-}
-
 int run_suite(const SuiteOptions& options) {
   std::vector<std::string> groups = options.stories;
   groups.insert(groups.end(), options.scenes.begin(), options.scenes.end());
@@ -551,4 +528,4 @@ int run_suite(const SuiteOptions& options) {
   return broken;
 }
 
-}  // namespace pptam::app
+}  // namespace pptam::laboratory

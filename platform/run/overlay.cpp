@@ -1,4 +1,4 @@
-#include "platform/app/overlay.h"
+#include "platform/run/overlay.h"
 
 #include <cairo.h>
 
@@ -12,13 +12,12 @@
 
 #include "image/grey.h"
 #include "platform/child_process.h"
+#include "platform/input_error.h"
+#include "platform/run/names.h"
 #include "scheduler/clock.h"
 
-namespace pptam::app {
+namespace pptam::platform {
 namespace {
-
-using platform::ChildProcess;
-using platform::InputError;
 
 struct Colour {
   double r, g, b;
@@ -439,7 +438,7 @@ void draw_panel(cairo_t* cr, const FrameLog& log, double top, double width, doub
 }  // namespace
 
 struct Overlay::Impl {
-  Impl(const platform::CameraInfo& camera, const std::filesystem::path& target, std::vector<std::string>* remarks)
+  Impl(const CameraInfo& camera, const std::filesystem::path& target, std::vector<std::string>* remarks)
       : folder(target),
         warnings(remarks),
         model(prepared(camera.model)),
@@ -607,8 +606,7 @@ struct Overlay::Impl {
   uint64_t good_views = 0;
 };
 
-Overlay::Overlay(const platform::CameraInfo& camera, const std::filesystem::path& folder,
-                 std::vector<std::string>* warnings)
+Overlay::Overlay(const CameraInfo& camera, const std::filesystem::path& folder, std::vector<std::string>* warnings)
     : impl_(std::make_unique<Impl>(camera, folder, warnings)) {}
 
 Overlay::~Overlay() = default;
@@ -631,4 +629,4 @@ void Overlay::finish() {
   impl_->write_still(impl_->good_still, "overlay.png");
 }
 
-}  // namespace pptam::app
+}  // namespace pptam::platform

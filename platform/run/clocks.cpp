@@ -1,9 +1,9 @@
-#include "platform/app/clocks.h"
+#include "platform/run/clocks.h"
 
 #include <cerrno>
 #include <ctime>
 
-namespace pptam::app {
+namespace pptam::platform {
 namespace {
 
 constexpr int64_t kNsPerSecond = 1'000'000'000;
@@ -42,4 +42,4 @@ void ThrottledClock::forget_since(int64_t t_ns) {
   skipped_ns_ = saturated_difference(skipped_ns_, saturated_difference(now_ns(), t_ns));
 }
 
-}  // namespace pptam::app
+}  // namespace pptam::platform

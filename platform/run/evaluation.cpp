@@ -1,4 +1,4 @@
-#include "platform/app/evaluation.h"
+#include "platform/run/evaluation.h"
 
 #include <algorithm>
 #include <cmath>
@@ -7,15 +7,14 @@
 #include <random>
 
 #include "platform/input_error.h"
+#include "platform/run/statistics.h"
 #include "scheduler/clock.h"
 
-namespace pptam::app {
+namespace pptam::platform {
 namespace {
 
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
-using platform::InputError;
-using platform::Trajectory;
 
 constexpr double kDegrees = 180 / std::numbers::pi;
 constexpr size_t kMinPoses = 3;  // a similarity has 7 unknowns, three positions give 9 equations
@@ -30,10 +29,7 @@ int64_t distance_ns(int64_t a, int64_t b) {
 }
 
 double median(std::vector<double> values) {
-  if (values.empty()) return 0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
+  return values.empty() ? 0 : percentile(std::move(values), 0.5);
 }
 
 double median_interval_s(const Trajectory& trajectory) {
@@ -47,13 +43,13 @@ double median_interval_s(const Trajectory& trajectory) {
 std::vector<AssociatedPose> associate(const Trajectory& estimate, const Trajectory& truth) {
   const int64_t max_difference_ns = std::llround(1e9 * std::max(0.02, 0.5 * median_interval_s(truth)));
   std::vector<AssociatedPose> poses;
-  for (const platform::StampedPose& pose : estimate) {
+  for (const StampedPose& pose : estimate) {
     auto after = std::lower_bound(truth.begin(), truth.end(), pose.timestamp_ns,
-                                  [](const platform::StampedPose& a, int64_t t) { return a.timestamp_ns < t; });
-    const platform::StampedPose* nearest = nullptr;
+                                  [](const StampedPose& a, int64_t t) { return a.timestamp_ns < t; });
+    const StampedPose* nearest = nullptr;
     if (after != truth.end()) nearest = &*after;
     if (after != truth.begin()) {
-      const platform::StampedPose& before = *std::prev(after);
+      const StampedPose& before = *std::prev(after);
       if (nearest == nullptr || elapsed_ns(before, pose) < elapsed_ns(pose, *nearest)) {
         nearest = &before;
       }
@@ -300,4 +296,4 @@ Evaluation evaluate(const Trajectory& estimate, const Trajectory& truth, const s
   return e;
 }
 
-}  // namespace pptam::app
+}  // namespace pptam::platform

@@ -5,21 +5,21 @@
 #include <string>
 #include <vector>
 
-#include "platform/app/run.h"
+#include "platform/run/run.h"
 #include "sim_phone/phone_camera.h"
 
-namespace pptam::app {
+namespace pptam::laboratory {
 
 struct CullingStudyOptions {
   std::vector<std::string> scenes;  // empty: desk and walls
   int seeds = 5;                    // 1 to seeds
   int jobs = 1;
-  sim::PhoneOptions phone;  // but for scene and seed
-  RunOptions run;           // max_keyframes: that of the culled runs
+  sim::PhoneOptions phone;   // but for scene and seed
+  platform::RunOptions run;  // max_keyframes: that of the culled runs
 };
 
 // Prints a table and the verdict. True: no map has come apart, and the median ratio of the position errors is within
 // the goal.
 bool run_culling_study(const CullingStudyOptions& options);
 
-}  // namespace pptam::app
+}  // namespace pptam::laboratory

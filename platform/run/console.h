@@ -5,9 +5,9 @@
 #include <string>
 #include <vector>
 
-#include "platform/app/report.h"
+#include "platform/run/summary.h"
 
-namespace pptam::app {
+namespace pptam::platform {
 
 // One line that is rewritten on a terminal; elsewhere a line at every tenth of the way.
 class Progress {
@@ -33,4 +33,4 @@ void print_table(const std::vector<std::string>& heads, const std::vector<std::v
 void print_warning(const std::string& text);
 void print_error(const std::string& text);  // one line, whatever text holds
 
-}  // namespace pptam::app
+}  // namespace pptam::platform

@@ -1,4 +1,4 @@
-#include "platform/app/judgement.h"
+#include "sim_phone/laboratory/judgement.h"
 
 #include <algorithm>
 #include <cmath>
@@ -6,10 +6,14 @@
 #include <numbers>
 #include <optional>
 
-#include "platform/app/evaluation.h"
+#include "platform/input_error.h"
+#include "platform/run/evaluation.h"
+#include "platform/text.h"
 
-namespace pptam::app {
+namespace pptam::laboratory {
 namespace {
+
+using namespace platform;
 
 using Eigen::Isometry3d;
 using Eigen::Matrix3d;
@@ -181,13 +185,6 @@ double Judgement::wrong_good_percent() const {
   return percent(wrong_good, poses);
 }
 
-double percentile(std::vector<double> values, double share) {
-  if (values.empty()) return kNone;
-  const auto at = values.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1) + 0.5);
-  std::nth_element(values.begin(), at, values.end());
-  return *at;
-}
-
 Judgement judge(const RunLog& log, const platform::Trajectory& truth, const sim::Story& story, double exposed_s) {
   Judgement j;
   for (const FrameLog& frame : log.frames) {
@@ -252,4 +249,27 @@ Judgement judge(const RunLog& log, const platform::Trajectory& truth, const sim:
   return j;
 }
 
-}  // namespace pptam::app
+std::vector<SummaryRow> summarise(const Judgement& j) {
+  std::vector<SummaryRow> rows;
+  if (!j.initialised) return rows;
+  rows.push_back(
+      {"after the movement", format("first pose %.2f s after the first sideways movement", j.initialised_s)});
+  rows.push_back(
+      {"tracked if expected", format("%d of %d frames (%.1f %%)", j.tracked, j.expected, j.tracked_percent())});
+  rows.push_back({"wrong as good", format("%d of %d (%.2f %%)", j.wrong_good, j.poses, j.wrong_good_percent())});
+  if (j.losses > 0 || j.false_relocalisations > 0) {
+    const std::string longest =
+        std::isnan(j.recovery_s) ? "not all were recovered" : format("longest %.2f s", j.recovery_s);
+    rows.push_back({"recovered", format("%d of %d losses in time, %s; %d false relocalisations", j.recovered, j.losses,
+                                        longest.c_str(), j.false_relocalisations)});
+  }
+  if (!std::isnan(j.jitter_mm)) {
+    rows.push_back(
+        {"standstill", format("%.3f mm rms, %.2f times the covariance's; %.4f degrees, %.2f times; followed "
+                              "%.0f frames after the step",
+                              j.jitter_mm, j.jitter_mm_ratio, j.jitter_deg, j.jitter_deg_ratio, j.lag_frames)});
+  }
+  return rows;
+}
+
+}  // namespace pptam::laboratory

@@ -11,11 +11,11 @@
 #include <string>
 #include <vector>
 
-#include "platform/app/run.h"
+#include "platform/run/run.h"
 #include "sim_phone/motion.h"
 #include "sim_phone/phone_camera.h"
 
-namespace pptam::app {
+namespace pptam::laboratory {
 
 constexpr double kStudyLimit_s = 4;       // from the first sideways movement to the map
 constexpr double kWrongPlane_deg = 10;    // the other solution of a homography is usually off by 20 and more
@@ -78,4 +78,4 @@ struct StudyOptions {
 // Prints the table; throws InputError on options that make no sense. Returns the number of trials that broke.
 int run_study(const StudyOptions& options);
 
-}  // namespace pptam::app
+}  // namespace pptam::laboratory

@@ -1,22 +1,23 @@
-#include "platform/app/culling_study.h"
+#include "sim_phone/laboratory/culling_study.h"
 
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <limits>
 
-#include "platform/app/console.h"
-#include "platform/app/evaluation.h"
-#include "platform/app/judgement.h"
-#include "platform/app/keeping_camera.h"
-#include "platform/app/report.h"
-#include "platform/app/suite.h"
+#include "platform/input_error.h"
+#include "platform/run/console.h"
+#include "platform/run/evaluation.h"
+#include "platform/run/jobs.h"
+#include "platform/run/statistics.h"
 #include "platform/text.h"
+#include "sim_phone/laboratory/judgement.h"
+#include "sim_phone/laboratory/keeping_camera.h"
 
-namespace pptam::app {
+namespace pptam::laboratory {
 namespace {
 
-using platform::format;
+using namespace platform;
 
 constexpr int kEnoughKeyframes = 150;
 constexpr double kGoalRatio = 1.15;
@@ -117,4 +118,4 @@ bool run_culling_study(const CullingStudyOptions& options) {
   return met;
 }
 
-}  // namespace pptam::app
+}  // namespace pptam::laboratory

@@ -1,22 +1,23 @@
-#include "platform/app/endurance.h"
+#include "sim_phone/laboratory/endurance.h"
 
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <memory>
 
-#include "platform/app/console.h"
-#include "platform/app/evaluation.h"
-#include "platform/app/judgement.h"
-#include "platform/app/report.h"
+#include "platform/input_error.h"
+#include "platform/run/console.h"
+#include "platform/run/evaluation.h"
+#include "platform/run/names.h"
+#include "platform/run/statistics.h"
 #include "platform/text.h"
+#include "sim_phone/laboratory/judgement.h"
 #include "sim_phone/random.h"
 
-namespace pptam::app {
+namespace pptam::laboratory {
 namespace {
 
-using platform::format;
-using platform::InputError;
+using namespace platform;
 
 constexpr double kLap_s = 60;
 constexpr int kJudgedMinute = 1;  // counted from 0: gives the alignment, and what later ones are compared with
@@ -269,4 +270,4 @@ bool run_endurance(const EnduranceOptions& options) {
   return report.faults.empty();
 }
 
-}  // namespace pptam::app
+}  // namespace pptam::laboratory

@@ -5,7 +5,13 @@
 
 #include "scheduler/clock.h"
 
-namespace pptam::app {
+namespace pptam::platform {
+
+enum class ClockKind {
+  kWork,      // modelled time of the work charged: repeatable bit for bit
+  kSteady,    // real time
+  kThrottled  // CPU time times RunOptions::slowdown
+};
 
 // The operating system's monotonic clock: frames come at their own pace, in real time.
 class SteadyClock final : public Clock {
@@ -28,4 +34,4 @@ class ThrottledClock final : public Clock {
   int64_t skipped_ns_ = 0;
 };
 
-}  // namespace pptam::app
+}  // namespace pptam::platform

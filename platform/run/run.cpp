@@ -1,20 +1,17 @@
-#include "platform/app/run.h"
+#include "platform/run/run.h"
 
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <cstdio>
-#include <fstream>
 #include <memory>
 #include <optional>
 
-#include "platform/app/clocks.h"
-#include "platform/app/map_command.h"
+#include "platform/files.h"
+#include "platform/input_error.h"
+#include "platform/run/clocks.h"
 
-namespace pptam::app {
+namespace pptam::platform {
 namespace {
-
-using platform::InputError;
 
 // A frame with its own copy of the pixels, so that the source can be asked for the next one.
 struct OwnedFrame {
@@ -32,7 +29,7 @@ struct OwnedFrame {
 // The frames of a source with one frame of look-ahead: "has the next one arrived already?" needs its timestamp.
 class LookAhead {
  public:
-  LookAhead(platform::Camera& camera, std::string* broken) : camera_(camera), broken_(broken) {}
+  LookAhead(Camera& camera, std::string* broken) : camera_(camera), broken_(broken) {}
 
   bool advance() {  // false at the end, or when the source broke
     if (!started_) {
@@ -62,14 +59,14 @@ class LookAhead {
     if (next_valid_) next_.copy(frame);
   }
 
-  platform::Camera& camera_;
+  Camera& camera_;
   std::string* broken_;
   OwnedFrame current_, next_;
   bool started_ = false;
   bool next_valid_ = false;
 };
 
-Config config_for(const platform::CameraInfo& info) {
+Config config_for(const CameraInfo& info) {
   CameraModel model = info.model;
   model.prepare();
   Config config = Config::phone(model);
@@ -77,6 +74,8 @@ Config config_for(const platform::CameraInfo& info) {
   config.exposure_s = info.exposure_s;
   return config;
 }
+
+constexpr size_t kLargestMapFile = size_t{1} << 30;
 
 std::unique_ptr<Clock> make_clock(const RunOptions& options, const System& system) {
   switch (options.clock) {
@@ -88,13 +87,6 @@ std::unique_ptr<Clock> make_clock(const RunOptions& options, const System& syste
       break;
   }
   return std::make_unique<WorkClock>(system.work_meter());
-}
-
-Eigen::Isometry3d camera_to_world(const SE3& T_cw) {
-  Eigen::Isometry3d T_wc = Eigen::Isometry3d::Identity();
-  T_wc.linear() = T_cw.R.transpose().cast<double>();
-  T_wc.translation() = T_cw.centre().cast<double>();
-  return T_wc;
 }
 
 FrameLog log_of(const TrackResult& result) {
@@ -153,42 +145,9 @@ class Taps {
   size_t next_ = 0;
 };
 
-std::ofstream open_for_writing(const std::filesystem::path& file) {
-  std::ofstream stream(file, std::ios::binary);
-  if (!stream) throw InputError(file.string() + ": cannot be written");
-  return stream;
-}
-
-void close_checked(std::ofstream& stream, const std::filesystem::path& file) {
-  stream.close();
-  if (!stream) throw InputError(file.string() + ": cannot be written, is the disk full?");
-}
-
-void write_frames(const RunLog& log, const std::filesystem::path& file) {
-  std::ofstream out = open_for_writing(file);
-  out << "frame,timestamp,state,quality,hint,progress,attempted,found,inliers,partial_attempted,partial_found,"
-         "keyframes,erased_keyframes,"
-         "map_points,blurred,keyframe_added,limits,instructions";
-  for (int s = 0; s < kStages; ++s) out << ',' << name_of(static_cast<Stage>(s)) << "_us";
-  out << ",track_us,late_us,mapping_us,idle_slices\n";
-  char line[512];
-  for (const FrameLog& f : log.frames) {
-    std::snprintf(line, sizeof line, "%d,%.6f,%s,%s,%s,%.3f,%d,%d,%d,%d,%d,%d,%d,%d,%d,%d,", f.index,
-                  1e-9 * static_cast<double>(f.timestamp_ns), name_of(f.state), name_of(f.quality), name_of(f.hint),
-                  static_cast<double>(f.progress), f.points_attempted, f.points_found, f.points_inliers,
-                  f.partial_attempted, f.partial_found, f.keyframes, f.erased_keyframes, f.map_points,
-                  f.blurred ? 1 : 0, f.keyframe_added ? 1 : 0);
-    out << line << limit_names(f.limits_hit) << ',' << f.instructions;
-    for (const int64_t ns : f.stage_ns) out << ',' << ns / 1000;
-    out << ',' << f.track_ns / 1000 << ',' << f.late_ns / 1000 << ',' << f.mapping_ns / 1000 << ',' << f.idle_slices
-        << '\n';
-  }
-  close_checked(out, file);
-}
-
 }  // namespace
 
-RunLog run_sequence(platform::Camera& camera, const RunOptions& options, const StartObserver& on_start,
+RunLog run_sequence(Camera& camera, const RunOptions& options, const StartObserver& on_start,
                     const FrameObserver& on_frame) {
   RunLog log;
   log.camera = camera.info();
@@ -282,209 +241,8 @@ RunLog run_sequence(platform::Camera& camera, const RunOptions& options, const S
   return log;
 }
 
-platform::Trajectory RunLog::trajectory() const {
-  platform::Trajectory trajectory;
-  for (const FrameLog& frame : frames) {
-    if (frame.pose_valid) trajectory.push_back({frame.timestamp_ns, frame.T_wc});
-  }
-  return trajectory;
+std::vector<std::byte> read_map_file(const std::filesystem::path& file) {
+  return read_file(file, kLargestMapFile);
 }
 
-platform::Trajectory RunLog::keyframe_trajectory() const {
-  platform::Trajectory trajectory;
-  for (const KeyframeInfo& keyframe : keyframes) {
-    trajectory.push_back({keyframe.timestamp_ns, camera_to_world(keyframe.T_cw)});
-  }
-  std::stable_sort(
-      trajectory.begin(), trajectory.end(),
-      [](const platform::StampedPose& a, const platform::StampedPose& b) { return a.timestamp_ns < b.timestamp_ns; });
-  return trajectory;
-}
-
-const FrameLog* RunLog::first_tracked() const {
-  for (const FrameLog& frame : frames) {
-    if (frame.pose_valid) return &frame;
-  }
-  return nullptr;
-}
-
-double RunLog::seconds(int64_t timestamp_ns) const {
-  return frames.empty() ? 0
-                        : 1e-9 * static_cast<double>(saturated_difference(timestamp_ns, frames.front().timestamp_ns));
-}
-
-double RunLog::reprojection_px() const {
-  double sum = 0;
-  int inliers = 0;
-  for (const FrameLog& frame : frames) {
-    if (!frame.pose_valid) continue;
-    const double error_px = static_cast<double>(frame.reprojection_px);
-    sum += frame.points_inliers * error_px * error_px;
-    inliers += frame.points_inliers;
-  }
-  return inliers > 0 ? std::sqrt(sum / inliers) : 0;
-}
-
-double RunLog::tracked_fraction() const {
-  int after = 0;
-  int tracked = 0;
-  for (const FrameLog& frame : frames) {
-    if (frame.pose_valid) ++tracked;
-    if (tracked > 0) ++after;
-  }
-  return after > 0 ? static_cast<double>(tracked) / after : 0;
-}
-
-CostSummary cost_of(const RunLog& log) {
-  CostSummary cost;
-  int count = 0;
-  for (const FrameLog& frame : log.frames) {
-    if (frame.state != TrackingState::kTracking) continue;
-    const double ms = 1e-6 * static_cast<double>(frame.track_ns);
-    cost.mean_ms += ms;
-    cost.worst_ms = std::max(cost.worst_ms, ms);
-    cost.mean_minstructions += 1e-6 * static_cast<double>(frame.instructions);
-    ++count;
-  }
-  if (count > 0) {
-    cost.mean_ms /= count;
-    cost.mean_minstructions /= count;
-  }
-  return cost;
-}
-
-const char* name_of(TrackingState state) {
-  switch (state) {
-    case TrackingState::kWaiting:
-      return "waiting";
-    case TrackingState::kInitialising:
-      return "initialising";
-    case TrackingState::kTracking:
-      return "tracking";
-    case TrackingState::kLost:
-      return "lost";
-  }
-  return "?";
-}
-
-const char* name_of(TrackingQuality quality) {
-  switch (quality) {
-    case TrackingQuality::kBad:
-      return "bad";
-    case TrackingQuality::kPoor:
-      return "poor";
-    case TrackingQuality::kGood:
-      return "good";
-  }
-  return "?";
-}
-
-const char* name_of(Hint hint) {
-  switch (hint) {
-    case Hint::kNone:
-      return "none";
-    case Hint::kTap:
-      return "tap";
-    case Hint::kHoldStill:
-      return "hold_still";
-    case Hint::kMoveSideways:
-      return "move_sideways";
-    case Hint::kOnlyRotating:
-      return "only_rotating";
-    case Hint::kTooLittleTexture:
-      return "too_little_texture";
-    case Hint::kTooFast:
-      return "too_fast";
-    case Hint::kStartLost:
-      return "start_lost";
-    case Hint::kReturnToKnownView:
-      return "return_to_known_view";
-  }
-  return "?";
-}
-
-const char* sentence_for(Hint hint) {
-  switch (hint) {
-    case Hint::kNone:
-      return "";
-    case Hint::kTap:
-      return "tap to start";
-    case Hint::kHoldStill:
-      return "hold still";
-    case Hint::kMoveSideways:
-      return "move sideways";
-    case Hint::kOnlyRotating:
-      return "only turning: move sideways";
-    case Hint::kTooLittleTexture:
-      return "too little texture";
-    case Hint::kTooFast:
-      return "too fast";
-    case Hint::kStartLost:
-      return "first view lost: start again";
-    case Hint::kReturnToKnownView:
-      return "go back to a known view";
-  }
-  return "";
-}
-
-const char* name_of(Stage stage) {
-  switch (stage) {
-    case Stage::kPyramid:
-      return "pyramid";
-    case Stage::kRotation:
-      return "rotation";
-    case Stage::kSearch:
-      return "search";
-    case Stage::kPose:
-      return "pose";
-    case Stage::kPartial:
-      return "partial";
-    case Stage::kInitialise:
-      return "initialise";
-    case Stage::kKeyframe:
-      return "keyframe";
-    case Stage::kCount:
-      break;
-  }
-  return "?";
-}
-
-const char* name_of(ClockKind clock) {
-  switch (clock) {
-    case ClockKind::kWork:
-      return "work";
-    case ClockKind::kSteady:
-      return "steady";
-    case ClockKind::kThrottled:
-      return "throttled";
-  }
-  return "?";
-}
-
-std::string limit_names(uint32_t limits_hit) {
-  constexpr struct {
-    LimitBits bit;
-    const char* name;
-  } kLimits[] = {{kLimitKeyframes, "max_keyframes"},
-                 {kLimitMapPoints, "max_map_points"},
-                 {kLimitPartialPoints, "max_partial_points"},
-                 {kLimitMeasuredPoints, "max_measured_points"}};
-  std::string names;
-  for (const auto& limit : kLimits) {
-    if ((limits_hit & limit.bit) == 0) continue;
-    if (!names.empty()) names += '|';
-    names += limit.name;
-  }
-  return names;
-}
-
-void write_text_outputs(const RunLog& log, const std::filesystem::path& folder) {
-  platform::write_tum_trajectory(folder / "trajectory.txt", log.trajectory(),
-                                 "timestamp tx ty tz qx qy qz qw, camera-to-world, world units");
-  platform::write_tum_trajectory(folder / "keyframes.txt", log.keyframe_trajectory(),
-                                 "timestamp tx ty tz qx qy qz qw, camera-to-world, world units");
-  write_ply(folder / "map.ply", log.map_points);
-  write_frames(log, folder / "frames.csv");
-}
-
-}  // namespace pptam::app
+}  // namespace pptam::platform

@@ -8,7 +8,7 @@
 
 #include "platform/camera.h"
 
-namespace pptam::app {
+namespace pptam::laboratory {
 
 class KeepingCamera : public platform::Camera {
  public:
@@ -46,4 +46,4 @@ class KeepingCamera : public platform::Camera {
   size_t next_ = 0;
 };
 
-}  // namespace pptam::app
+}  // namespace pptam::laboratory
