@@ -1,14 +1,17 @@
-#include "platform/app/map_command.h"
+// pocket-ptam map info|export: what is in a saved map, and the map for other programs.
 
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <map>
+#include <memory>
 #include <utility>
 
+#include "platform/app/commands.h"
 #include "platform/camera/image_files.h"
 #include "platform/files.h"
+#include "platform/input_error.h"
 #include "platform/run/console.h"
 #include "platform/run/names.h"
 #include "platform/run/run.h"
@@ -19,6 +22,12 @@ namespace pptam::app {
 namespace {
 
 using namespace platform;
+
+struct MapExportOptions {
+  std::filesystem::path map;
+  std::string ply;     // file; empty: none
+  std::string colmap;  // folder, for COLMAP's text model; empty: none
+};
 
 // A map that was read from a file, inside a System of its own.
 class LoadedMap {
@@ -130,7 +139,7 @@ void write_colmap(const LoadedMap& map, const std::filesystem::path& folder) {
     write_png(folder / "images" / image_name(keyframe.id), map.system().keyframe_image(keyframe.id));
 
   write_text_atomically(folder / "cameras.txt",
-                             "# CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]\n1 " + colmap_camera(map.info().camera) + "\n");
+                        "# CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]\n1 " + colmap_camera(map.info().camera) + "\n");
 
   // Observations by image; their places in it are what the tracks refer to.
   const std::vector<float> errors = reprojection_errors(map);
@@ -164,8 +173,6 @@ void write_colmap(const LoadedMap& map, const std::filesystem::path& folder) {
   }
   write_text_atomically(folder / "points3D.txt", points);
 }
-
-}  // namespace
 
 void print_map_info(const std::filesystem::path& file) {
   const LoadedMap map(file);
@@ -211,6 +218,38 @@ void export_map(const MapExportOptions& options) {
     std::printf("%zu images and %zu points written to %s\n", map.keyframes().size(), map.points().size(),
                 options.colmap.c_str());
   }
+}
+
+}  // namespace
+
+Command add_map(CLI::App& program) {
+  CLI::App* command = program.add_subcommand("map", "Look into a saved map, or take it to other programs");
+  command->require_subcommand(1);
+  const auto options = std::make_shared<MapExportOptions>();
+  CLI::App* map_info = command->add_subcommand("info", "What is in it; exit code 2 if it is damaged");
+  CLI::App* map_export = command->add_subcommand("export", "Write it for other programs");
+  for (CLI::App* part : {map_info, map_export})
+    part->add_option("map", options->map, "Saved by --save-map")->required()->type_name("FILE");
+  map_export->add_option("--ply", options->ply, "The points, for MeshLab or CloudCompare")->type_name("OUT.ply");
+  map_export
+      ->add_option("--colmap", options->colmap,
+                   "COLMAP's text model (cameras.txt, images.txt, points3D.txt) and the keyframes' images")
+      ->type_name("DIR");
+  map_info->footer("Example:\n  pocket-ptam map info desk.map");
+  map_export->footer(
+      "In COLMAP's model the measurements are corrected for the rolling shutter; the images are as they were.\n"
+      "Examples:\n"
+      "  pocket-ptam map export desk.map --ply desk.ply\n"
+      "  pocket-ptam map export desk.map --colmap desk-colmap");
+  command->footer(
+      "Examples:\n"
+      "  pocket-ptam sim --save-map desk.map\n"
+      "  pocket-ptam map info desk.map\n"
+      "  pocket-ptam map export desk.map --ply desk.ply --colmap desk-colmap");
+  return {command, [options, map_info] {
+            map_info->parsed() ? print_map_info(options->map) : export_map(*options);
+            return kExitOk;
+          }};
 }
 
 }  // namespace pptam::app

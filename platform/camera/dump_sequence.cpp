@@ -73,7 +73,8 @@ std::string calibration_text(const CameraInfo& info) {
 
 }  // namespace
 
-void dump_sequence(Camera& camera, const std::filesystem::path& folder, void (*progress)(int, int)) {
+void dump_sequence(Camera& camera, const std::filesystem::path& folder,
+                   const std::function<void(int done, int total)>& progress) {
   std::error_code error;
   if (std::filesystem::exists(folder, error) &&
       (!std::filesystem::is_directory(folder, error) || !std::filesystem::is_empty(folder, error))) {
@@ -92,7 +93,7 @@ void dump_sequence(Camera& camera, const std::filesystem::path& folder, void (*p
     write_png(folder / name, {frame.data, frame.width, frame.height, frame.stride_bytes});
     list += stamp + " " + name + "\n";
     ++done;
-    if (progress != nullptr) progress(done, camera.info().frame_count.value_or(done));
+    if (progress) progress(done, camera.info().frame_count.value_or(done));
   }
   write_text(folder / "rgb.txt", list);
   Trajectory truth = camera.ground_truth();

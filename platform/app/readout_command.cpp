@@ -1,4 +1,6 @@
-#include "platform/app/readout.h"
+// pocket-ptam readout: finds a recording's rolling shutter by trying: the recording is tracked under many assumptions,
+// and the one under which the tracked frames' points fit best is it. Frames tell more than the finished map's objective
+// (System::map_fit, printed beside): there are many more frames than keyframes.
 
 #include <algorithm>
 #include <cstdio>
@@ -6,15 +8,26 @@
 #include <memory>
 #include <vector>
 
+#include "platform/app/commands.h"
+#include "platform/app/options.h"
+#include "platform/camera/recorded_camera.h"
 #include "platform/run/console.h"
 #include "platform/run/jobs.h"
 #include "platform/run/names.h"
+#include "platform/run/run.h"
 #include "platform/text.h"
 
 namespace pptam::app {
 namespace {
 
 using namespace platform;
+
+struct ReadoutOptions {
+  RecordingOptions recording;
+  RunOptions run;
+  std::string axes = "both";  // rows, columns or both
+  int jobs = 1;
+};
 
 constexpr int kSteps = 4;              // of the readout in either direction, up to the time between two frames
 constexpr int kRounds = 2;             // of halving the step round the best
@@ -76,8 +89,7 @@ const Trial* best_of(const std::vector<Trial>& trials) {
   return best;
 }
 
-}  // namespace
-
+// Prints each trial and what to write for --readout. False when too few trials gave a map.
 bool find_readout(const ReadoutOptions& options) {
   std::vector<std::string> warnings;
   const double frames_per_s = platform::open_recording(options.recording, &warnings)->info().frames_per_s;
@@ -130,6 +142,36 @@ bool find_readout(const ReadoutOptions& options) {
   }
   std::printf("\nbest: --readout %s, to about %.1f ms\n", option_for(*best).c_str(), 1000 * step_s);
   return true;
+}
+
+struct Chosen {
+  RecordingInput input;
+  RunOptions run;
+  std::string axes = "both";
+  int jobs = 1;
+};
+
+}  // namespace
+
+Command add_readout(CLI::App& program) {
+  CLI::App* command =
+      program.add_subcommand("readout", "Find a recording's rolling shutter: the one with which its map fits best");
+  const auto chosen = std::make_shared<Chosen>();
+  add_recording_options(command, &chosen->input);
+  command->add_option("--axis", chosen->axes, "rows, columns, or both of them [both]")
+      ->check(CLI::IsMember({"rows", "columns", "both"}))
+      ->type_name("AXIS");
+  command->add_option("--jobs", chosen->jobs, "Threads")->check(CLI::Range(1, 256))->type_name("N");
+  add_tap_option(command, &chosen->run);
+  command->footer(
+      "The clip should start the map early and show the camera moving quickly now and then, in all directions.\n"
+      "Examples:\n"
+      "  pocket-ptam readout clip.mp4 --fov 60 --resize 320x240\n"
+      "  pocket-ptam readout clip.mp4 --calibration phone.yaml --axis rows");
+  return {command, [chosen] {
+            const ReadoutOptions options = {chosen->input.recording(), chosen->run, chosen->axes, chosen->jobs};
+            return find_readout(options) ? kExitOk : kExitBroken;
+          }};
 }
 
 }  // namespace pptam::app
