@@ -11,10 +11,9 @@
 #include <optional>
 
 #include "image/grey.h"
-#include "platform/child_process.h"
 #include "platform/input_error.h"
 #include "platform/run/names.h"
-#include "scheduler/clock.h"
+#include "platform/run/video_writer.h"
 
 namespace pptam::platform {
 namespace {
@@ -444,93 +443,20 @@ struct Overlay::Impl {
         model(prepared(camera.model)),
         scale(model.width > 960 ? 1 : 2),
         projector(model, scale),
-        fps(camera.frames_per_s > 0 ? camera.frames_per_s : 30) {
-    unit = std::max(0.5, model.width * scale / 480.0);
-    width = even(model.width * scale);
-    picture_height = model.height * scale;
-    height = even(picture_height + static_cast<int>(std::lround(66 * unit)));
-    canvas = make_surface(width, height);
-    picture = make_surface(model.width, model.height);
-    grey.resize(static_cast<size_t>(model.width) * static_cast<size_t>(model.height));
-    start_encoder();
-  }
+        unit(std::max(0.5, model.width * scale / 480.0)),
+        width(even(model.width * scale)),
+        picture_height(model.height * scale),
+        height(even(picture_height + static_cast<int>(std::lround(66 * unit)))),
+        canvas(make_surface(width, height)),
+        picture(make_surface(model.width, model.height)),
+        grey(static_cast<size_t>(model.width) * static_cast<size_t>(model.height)),
+        video(target / "overlay.mp4", width, height, camera.frames_per_s > 0 ? camera.frames_per_s : 30, remarks) {}
 
   static CameraModel prepared(CameraModel m) {
     m.prepare();
     return m;
   }
   static int even(int n) { return (n + 1) / 2 * 2; }  // yuv420p halves both sides
-
-  std::filesystem::path video_file() const { return folder / "overlay.mp4"; }
-
-  void start_encoder() {
-    const std::string size = std::to_string(width) + "x" + std::to_string(height);
-    const char* pixels = std::endian::native == std::endian::little ? "bgra" : "argb";
-    try {
-      encoder = std::make_unique<ChildProcess>(std::vector<std::string>{"ffmpeg",
-                                                                        "-nostdin",
-                                                                        "-loglevel",
-                                                                        "error",
-                                                                        "-y",
-                                                                        "-f",
-                                                                        "rawvideo",
-                                                                        "-pix_fmt",
-                                                                        pixels,
-                                                                        "-s",
-                                                                        size,
-                                                                        "-r",
-                                                                        std::to_string(fps),
-                                                                        "-i",
-                                                                        "pipe:0",
-                                                                        "-an",
-                                                                        "-c:v",
-                                                                        "libx264",
-                                                                        "-preset",
-                                                                        "veryfast",
-                                                                        "-crf",
-                                                                        "20",
-                                                                        "-pix_fmt",
-                                                                        "yuv420p",
-                                                                        "-movflags",
-                                                                        "+faststart",
-                                                                        "file:" + video_file().string()},
-                                               ChildProcess::Pipe::kWriteStdin);
-    } catch (const InputError& error) {
-      warnings->push_back(std::string(error.what()) + "; overlay.mp4 is not written");
-    }
-  }
-
-  void stop_encoder() {
-    if (!encoder) return;
-    const int code = encoder->finish();
-    if (code != 0) {
-      std::error_code ignored;
-      std::filesystem::remove(video_file(), ignored);
-      warnings->push_back("ffmpeg failed, overlay.mp4 is not written: " + encoder->errors());
-    }
-    encoder.reset();
-  }
-
-  void encode(int64_t timestamp_ns) {
-    if (!encoder) return;
-    if (encoded == 0) first_ns = timestamp_ns;
-    constexpr int64_t kLongestStill = 150;  // pictures; a longer pause in the source is cut short
-    const int64_t due =
-        std::llround(1e-9 * static_cast<double>(saturated_difference(timestamp_ns, first_ns)) * fps) + 1 - skipped;
-    const int64_t missing = std::max<int64_t>(1, due - encoded);
-    if (missing > kLongestStill) skipped += missing - kLongestStill;
-    const size_t bytes =
-        static_cast<size_t>(cairo_image_surface_get_stride(canvas.get())) * static_cast<size_t>(height);
-    if (encoded > 0) {
-      for (int64_t i = 1; i < std::min(missing, kLongestStill); ++i, ++encoded) {
-        if (!encoder->write(previous.data(), bytes)) return stop_encoder();
-      }
-    }
-    const unsigned char* data = cairo_image_surface_get_data(canvas.get());
-    if (!encoder->write(data, bytes)) return stop_encoder();
-    ++encoded;
-    previous.assign(data, data + bytes);
-  }
 
   void draw(const Frame& frame, const TrackResult& result, const FrameLog& log) {
     const GreyView view = to_grey(frame, GreyImage{grey.data(), model.width, model.height, model.width});
@@ -587,19 +513,13 @@ struct Overlay::Impl {
   CameraModel model;
   int scale;
   Projector projector;
-  double fps;
   float initial_baseline = Config().initial_baseline;
-  double unit = 1;
-  int width = 0, height = 0, picture_height = 0;
+  double unit;  // of the panel's sizes
+  int width, picture_height, height;
   Surface canvas, picture;
   std::vector<uint8_t> grey;
   std::optional<Stage3d> stage;
-
-  std::unique_ptr<ChildProcess> encoder;
-  std::vector<unsigned char> previous;
-  int64_t first_ns = 0;
-  int64_t encoded = 0;
-  int64_t skipped = 0;
+  VideoWriter video;
 
   Surface start_still, good_still;
   bool seen_tracking = false;
@@ -613,7 +533,8 @@ Overlay::~Overlay() = default;
 
 void Overlay::add(const Frame& frame, const TrackResult& result, const FrameLog& log) {
   impl_->draw(frame, result, log);
-  impl_->encode(frame.timestamp_ns);
+  impl_->video.add(cairo_image_surface_get_data(impl_->canvas.get()),
+                   static_cast<size_t>(cairo_image_surface_get_stride(impl_->canvas.get())), frame.timestamp_ns);
   if (log.state == TrackingState::kInitialising && !impl_->seen_tracking) impl_->keep(&impl_->start_still);
   if (!result.pose_valid) return;
   impl_->seen_tracking = true;
@@ -624,7 +545,7 @@ void Overlay::add(const Frame& frame, const TrackResult& result, const FrameLog&
 }
 
 void Overlay::finish() {
-  impl_->stop_encoder();
+  impl_->video.finish();
   impl_->write_still(impl_->start_still, "start.png");
   impl_->write_still(impl_->good_still, "overlay.png");
 }

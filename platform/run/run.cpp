@@ -145,6 +145,57 @@ class Taps {
   size_t next_ = 0;
 };
 
+// The system in its memory, and the time that it lives in.
+struct Device {
+  std::vector<std::max_align_t> memory;
+  int64_t bytes = 0;  // asked for
+  System* system = nullptr;
+  std::unique_ptr<Clock> clock;
+};
+
+Device make_device(const CameraInfo& camera, const RunOptions& options) {
+  Config config = config_for(camera);
+  config.auto_start = options.auto_start;
+  config.initial_plane_distance = static_cast<float>(options.plane_distance);
+  config.steady_damping = options.steady_damping;
+  config.max_keyframes = options.max_keyframes.value_or(config.max_keyframes);
+  config.max_erased_keyframes = options.max_erased_keyframes.value_or(config.max_erased_keyframes);
+  const auto require = [&](const Status& status) {
+    if (!status.ok()) throw InputError(camera.name + ": the camera cannot be used: " + status.message());
+  };
+  require(config.validate());
+  Device device;
+  const size_t bytes = System::required_bytes(config);
+  device.bytes = static_cast<int64_t>(bytes);
+  device.memory.resize((bytes + sizeof(std::max_align_t) - 1) / sizeof(std::max_align_t));
+  require(System::create(config, std::as_writable_bytes(std::span(device.memory)), &device.system));
+  device.clock = make_clock(options, *device.system);
+  device.system->set_clock(device.clock.get());
+  device.system->set_locked(options.lock_map);
+  if (!options.load_map.empty()) {
+    const Status status = device.system->load_map(read_map_file(options.load_map));
+    if (!status.ok()) throw InputError(options.load_map + ": " + status.message());
+  }
+  return device;
+}
+
+// What is left at the end.
+void take_map(System& system, const RunOptions& options, RunLog* log) {
+  log->keyframes.resize(static_cast<size_t>(system.keyframes({})));
+  system.keyframes(log->keyframes);
+  log->map_points.resize(static_cast<size_t>(system.map_points({})));
+  system.map_points(log->map_points);
+  log->map_fit = system.map_fit();
+  log->map_parts = system.map_parts(kHoldingPoints);
+  log->map_hash = system.map_hash();
+  if (!options.save_map) return;
+  log->saved_map.resize(system.map_bytes());
+  size_t saved = 0;
+  const Status status = system.save_map(log->saved_map, &saved);
+  log->saved_map.resize(saved);
+  if (!status.ok()) log->save_trouble = status.message();
+}
+
 }  // namespace
 
 RunLog run_sequence(Camera& camera, const RunOptions& options, const StartObserver& on_start,
@@ -152,27 +203,10 @@ RunLog run_sequence(Camera& camera, const RunOptions& options, const StartObserv
   RunLog log;
   log.camera = camera.info();
   log.clock = options.clock;
-  Config config = config_for(log.camera);
-  config.auto_start = options.auto_start;
-  config.initial_plane_distance = static_cast<float>(options.plane_distance);
-  config.steady_damping = options.steady_damping;
-  config.max_keyframes = options.max_keyframes.value_or(config.max_keyframes);
-  config.max_erased_keyframes = options.max_erased_keyframes.value_or(config.max_erased_keyframes);
-  Status status = config.validate();
-  if (!status.ok()) throw InputError(log.camera.name + ": the camera cannot be used: " + status.message());
-  const size_t bytes = System::required_bytes(config);
-  log.memory_bytes = static_cast<int64_t>(bytes);
-  std::vector<std::max_align_t> memory((bytes + sizeof(std::max_align_t) - 1) / sizeof(std::max_align_t));
-  System* system = nullptr;
-  status = System::create(config, std::as_writable_bytes(std::span(memory)), &system);
-  if (!status.ok()) throw InputError(log.camera.name + ": the camera cannot be used: " + status.message());
-  const std::unique_ptr<Clock> clock = make_clock(options, *system);
-  system->set_clock(clock.get());
-  system->set_locked(options.lock_map);
-  if (!options.load_map.empty()) {
-    status = system->load_map(read_map_file(options.load_map));
-    if (!status.ok()) throw InputError(options.load_map + ": " + status.message());
-  }
+  const Device device = make_device(log.camera, options);
+  System* const system = device.system;
+  Clock* const clock = device.clock.get();
+  log.memory_bytes = device.bytes;
 
   LookAhead source(camera, &log.broken);
   if (!source.advance()) throw InputError(log.camera.name + ": holds no images");
@@ -224,20 +258,7 @@ RunLog run_sequence(Camera& camera, const RunOptions& options, const StartObserv
     if (on_frame) on_frame(frame, result, log);
   } while (advance(end_ns));
 
-  log.keyframes.resize(static_cast<size_t>(system->keyframes({})));
-  system->keyframes(log.keyframes);
-  log.map_points.resize(static_cast<size_t>(system->map_points({})));
-  system->map_points(log.map_points);
-  log.map_fit = system->map_fit();
-  log.map_parts = system->map_parts(kHoldingPoints);
-  log.map_hash = system->map_hash();
-  if (options.save_map) {
-    log.saved_map.resize(system->map_bytes());
-    size_t saved = 0;
-    status = system->save_map(log.saved_map, &saved);
-    log.saved_map.resize(saved);
-    if (!status.ok()) log.save_trouble = status.message();
-  }
+  take_map(*system, options, &log);
   return log;
 }
 

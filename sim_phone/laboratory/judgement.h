@@ -12,7 +12,8 @@ namespace pptam::laboratory {
 
 constexpr double kRecoveryLimit_s = 1;  // from the view's return to a right pose
 
-// A value that does not exist in a run (its tracking never began, its story has no standstill) is NaN.
+// The numbers of a row of the suite, hence so many members. A value that does not exist in a run (its tracking never
+// began, its story has no standstill) is NaN.
 struct Judgement {
   bool initialised = false;
   double initialised_s;  // from the first sideways movement to the first pose

@@ -23,6 +23,7 @@ constexpr double kRightDepth = 0.1;       // relative
 constexpr double kRightDepthShare = 0.8;  // of the map's points, for a right map
 constexpr double kRightPoses = 0.95;
 
+// A row of study.csv: what was done and all that is judged of it, hence so many members.
 struct StudyTrial {
   std::string kind;
   uint64_t seed = 0;

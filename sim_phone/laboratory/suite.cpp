@@ -237,34 +237,44 @@ struct Goal {
   bool met = false;
 };
 
-std::vector<Goal> goals_of(const std::vector<Row>& runs, bool compared) {
+// What the goals are about, of all runs together.
+struct Sums {
   int initialised = 0, expected = 0, tracked = 0, poses = 0, wrong_good = 0, losses = 0, recovered = 0, false_ones = 0;
   std::vector<double> ate, global, untold, instructions;
   std::vector<double> standing[kColumns];
+};
+
+Sums sums_of(const std::vector<Row>& runs) {
+  Sums sums;
   for (const Row& row : runs) {
     const Judgement& j = row.judgement;
-    initialised += j.initialised ? 1 : 0;
+    sums.initialised += j.initialised ? 1 : 0;
     if (!row.loses) {
-      expected += j.expected;
-      tracked += j.tracked;
+      sums.expected += j.expected;
+      sums.tracked += j.tracked;
     }
-    poses += j.poses;
-    wrong_good += j.wrong_good;
-    losses += j.losses;
-    recovered += j.recovered;
-    false_ones += j.false_relocalisations;
-    instructions.insert(instructions.end(), j.minstructions.begin(), j.minstructions.end());
+    sums.poses += j.poses;
+    sums.wrong_good += j.wrong_good;
+    sums.losses += j.losses;
+    sums.recovered += j.recovered;
+    sums.false_ones += j.false_relocalisations;
+    sums.instructions.insert(sums.instructions.end(), j.minstructions.begin(), j.minstructions.end());
     if (row.explores) {
-      ate.push_back(row.values[kAte]);
-      global.push_back(row.values[kGlobal]);
-      untold.push_back(row.values[kUnmodelled]);
+      sums.ate.push_back(row.values[kAte]);
+      sums.global.push_back(row.values[kGlobal]);
+      sums.untold.push_back(row.values[kUnmodelled]);
     }
     if (row.group == "static") {
       for (const int column : {kJitter, kJitterRatio, kTurn, kTurnRatio, kLag}) {
-        standing[column].push_back(row.values[column]);
+        sums.standing[column].push_back(row.values[column]);
       }
     }
   }
+  return sums;
+}
+
+std::vector<Goal> goals_of(const std::vector<Row>& runs, bool compared) {
+  const Sums sums = sums_of(runs);
   std::vector<Goal> goals;
   const auto add = [&](const char* what, const std::string& wanted, const std::string& found, bool met) {
     goals.push_back({what, wanted, found, met});
@@ -272,31 +282,31 @@ std::vector<Goal> goals_of(const std::vector<Row>& runs, bool compared) {
   const auto at_most = [&](const char* what, const char* pattern, double limit, double found) {
     add(what, "at most " + format(pattern, limit), std::isnan(found) ? "-" : format(pattern, found), found <= limit);
   };
-  add("runs that initialised", "all", format("%d of %d", initialised, static_cast<int>(runs.size())),
-      initialised == static_cast<int>(runs.size()));
-  if (expected > 0) {
-    const double share = 100.0 * tracked / expected;
+  add("runs that initialised", "all", format("%d of %d", sums.initialised, static_cast<int>(runs.size())),
+      sums.initialised == static_cast<int>(runs.size()));
+  if (sums.expected > 0) {
+    const double share = 100.0 * sums.tracked / sums.expected;
     add("tracked, stories that do not lose on purpose", format("at least %.0f %%", kGoalTracked),
         format("%.2f %%", share), share >= kGoalTracked);
   }
-  if (losses > 0) {
-    const double share = 100.0 * recovered / losses;
+  if (sums.losses > 0) {
+    const double share = 100.0 * sums.recovered / sums.losses;
     add("recovered within 1 s of the view's return", format("at least %.0f %%", kGoalRecovered),
-        format("%.1f %%, %d of %d", share, recovered, losses), share >= kGoalRecovered);
+        format("%.1f %%, %d of %d", share, sums.recovered, sums.losses), share >= kGoalRecovered);
   }
-  add("false relocalisations", "none", format("%d", false_ones), false_ones == 0);
-  if (poses > 0) {
-    const double share = 100.0 * wrong_good / poses;
+  add("false relocalisations", "none", format("%d", sums.false_ones), sums.false_ones == 0);
+  if (sums.poses > 0) {
+    const double share = 100.0 * sums.wrong_good / sums.poses;
     add("wrong poses reported as good", format("under %.1f %%", kGoalWrongGood), format("%.3f %%", share),
         share < kGoalWrongGood);
   }
-  if (!ate.empty()) {
-    const double median = ranked(ate, 0.5, true);
+  if (!sums.ate.empty()) {
+    const double median = ranked(sums.ate, 0.5, true);
     at_most("ATE of the path, exploring stories, median", "%.3f %%", kGoalAteMedian, median);
-    at_most("  90th percentile", "%.3f %%", kGoalAte90, ranked(ate, 0.9, true));
+    at_most("  90th percentile", "%.3f %%", kGoalAte90, ranked(sums.ate, 0.9, true));
     if (compared) {
-      const double of_global = ranked(global, 0.5, true);
-      const double of_untold = ranked(untold, 0.5, true);
+      const double of_global = ranked(sums.global, 0.5, true);
+      const double of_untold = ranked(sums.untold, 0.5, true);
       at_most("  times that with a global shutter, medians", "%.2f", kGoalOverGlobal, median / of_global);
       add("  without the shutter's model, times worse, medians", format("at least %.1f", kGoalUnmodelled),
           format("%.2f", of_untold / median), of_untold / median >= kGoalUnmodelled);
@@ -304,17 +314,17 @@ std::vector<Goal> goals_of(const std::vector<Row>& runs, bool compared) {
           format("%.3f %%, %.3f %%, %.3f %%", median, of_global, of_untold), true);
     }
   }
-  if (!standing[kLag].empty()) {
-    const auto worst = [&](int column) { return ranked(standing[column], 1, true); };
+  if (!sums.standing[kLag].empty()) {
+    const auto worst = [&](int column) { return ranked(sums.standing[column], 1, true); };
     at_most("standing still, rms position, worst run", "%.3f mm", kGoalJitter_mm, worst(kJitter));
     at_most("  to the covariance's", "%.2f", kGoalJitterRatio, worst(kJitterRatio));
     at_most("  rms orientation, worst run", "%.4f degrees", kGoalJitter_deg, worst(kTurn));
     at_most("  to the covariance's", "%.2f", kGoalJitterRatio, worst(kTurnRatio));
     at_most("  frames after a step, worst run", "%.0f", kGoalLag, worst(kLag));
   }
-  if (!instructions.empty()) {
-    at_most("a tracked frame, median", "%.2f M instructions", kGoalMinstructions, percentile(instructions, 0.5));
-    at_most("  99th percentile", "%.2f M instructions", kGoalMinstructions99, percentile(instructions, 0.99));
+  if (!sums.instructions.empty()) {
+    at_most("a tracked frame, median", "%.2f M instructions", kGoalMinstructions, percentile(sums.instructions, 0.5));
+    at_most("  99th percentile", "%.2f M instructions", kGoalMinstructions99, percentile(sums.instructions, 0.99));
   }
   return goals;
 }
