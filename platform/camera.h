@@ -2,20 +2,14 @@
 #pragma once
 
 #include <optional>
-#include <stdexcept>
 #include <string>
 #include <vector>
 
+#include "platform/input_error.h"
 #include "platform/trajectory.h"
 #include "pocket_ptam.h"
 
 namespace pptam::platform {
-
-// A mistake in what came from outside (file, calibration, option): one line that names the file or option and the
-// remedy. The program prints it and exits with code 2.
-struct InputError : std::runtime_error {
-  using std::runtime_error::runtime_error;
-};
 
 struct CameraInfo {
   CameraModel model;               // of the images that read() delivers (after rotation, cropping and resizing)

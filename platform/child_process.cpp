@@ -13,7 +13,7 @@
 #include <string>
 #include <vector>
 
-#include "platform/camera.h"
+#include "platform/input_error.h"
 
 extern char** environ;
 

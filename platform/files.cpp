@@ -10,7 +10,7 @@
 #include <fstream>
 #include <string>
 
-#include "platform/camera.h"
+#include "platform/input_error.h"
 
 namespace pptam::platform {
 namespace {
@@ -114,6 +114,25 @@ void write_atomically(const std::filesystem::path& file, std::span<const std::by
   require(draft.close());
   require(draft.rename_to(target.string()));
   require(sync_folder(folder, calls));
+}
+
+void write_text_atomically(const std::filesystem::path& file, std::string_view content) {
+  write_atomically(file, std::as_bytes(std::span(content)));
+}
+
+void write_text(const std::filesystem::path& file, std::string_view content) {
+  std::ofstream out(file, std::ios::binary);
+  out << content;
+  out.close();
+  if (!out) throw InputError(file.string() + ": cannot be written");
+}
+
+void make_folder(const std::filesystem::path& folder, const std::string& option) {
+  std::error_code error;
+  std::filesystem::create_directories(folder, error);
+  if (error) {
+    throw InputError((option.empty() ? "" : option + " ") + folder.string() + ": cannot be made: " + error.message());
+  }
 }
 
 std::vector<std::byte> read_file(const std::filesystem::path& file, size_t most) {

@@ -6,6 +6,8 @@
 #include <cstddef>
 #include <filesystem>
 #include <span>
+#include <string>
+#include <string_view>
 #include <vector>
 
 namespace pptam::platform {
@@ -26,6 +28,15 @@ class FileOperations {
 // fails the old file is as it was. Throws InputError naming the file.
 void write_atomically(const std::filesystem::path& file, std::span<const std::byte> content,
                       FileOperations* operations = nullptr);
+
+// The same with text.
+void write_text_atomically(const std::filesystem::path& file, std::string_view content);
+
+// For results that can be made again: an older file is overwritten. Throws InputError naming the file.
+void write_text(const std::filesystem::path& file, std::string_view content);
+
+// With all folders above it; it may be there already. Throws InputError naming it, after the option that named it.
+void make_folder(const std::filesystem::path& folder, const std::string& option = "");
 
 // Throws InputError naming the file when it cannot be read or is larger than `most` bytes.
 std::vector<std::byte> read_file(const std::filesystem::path& file, size_t most);

@@ -7,7 +7,7 @@
 #include <string_view>
 #include <system_error>
 
-#include "platform/camera.h"
+#include "platform/input_error.h"
 
 namespace pptam::platform {
 namespace {

@@ -7,7 +7,6 @@
 #include <vector>
 
 #include "sim_phone/hand.h"
-#include "sim_phone/phone_camera.h"
 #include "sim_phone/random.h"
 
 namespace pptam::sim {
@@ -151,6 +150,60 @@ class StartingHand {
   double released_s_ = 0;
 };
 
+// The first view: of a cluttered scene one in which no plane dominates, if such a view is found. Fills in what start
+// says of it.
+Isometry3d choose_start_view(const Scene& scene, bool steep, Random& random, Start* start) {
+  constexpr double kMaxShare = 0.55;  // a view's corners are spread otherwise than its area: leave room below 60 %
+  Isometry3d first = start_view(scene, steep, random, &start->normal);
+  start->plane_share = largest_plane_share(scene, first, random);
+  for (int attempt = 0; scene.stage.cluttered && attempt < 40 && start->plane_share > kMaxShare; ++attempt) {
+    Vector3d normal;
+    const Isometry3d other = start_view(scene, false, random, &normal);
+    const double share = largest_plane_share(scene, other, random);
+    if (share >= start->plane_share) continue;
+    first = other;
+    start->normal = normal;
+    start->plane_share = share;
+  }
+  start->distance_m = first_hit(scene, first.translation(), first.linear().col(2));
+  if (!std::isfinite(start->distance_m)) start->distance_m = 1;
+  start->slant_deg = slant_degrees(first, start->normal);
+  return first;
+}
+
+// One move after the other, each told by where it leads.
+struct StartingWalk {
+  Random& random;
+  StartingHand& hand;
+  Offset now;
+  double t_s = 0;
+
+  void move_to(const Offset& target, double length_s) {
+    hand.add({t_s, length_s, {target.position - now.position, target.rotation - now.rotation}});
+    now = target;
+    t_s += length_s;
+  }
+
+  // On the spot, and sometimes back; returns the angle in degrees.
+  double turn() {
+    const double angle = random.uniform(8, 30);
+    const double about = random.uniform(0, 2 * std::numbers::pi);
+    const Vector3d axis(std::cos(about), std::sin(about), random.uniform(-0.5, 0.5));
+    Offset turned;
+    turned.rotation = angle * kDegree * axis.normalized();
+    const double turn_s = std::max(0.8, 15.0 / 8 * angle * kDegree / (random.uniform(0.6, 1.2) * kLargestTurn));
+    move_to(turned, turn_s);
+    t_s += random.uniform(0, 0.5);
+    if (random.chance(0.5)) {
+      turned.rotation *= random.uniform(0, 0.3);
+      move_to(turned, turn_s);
+      t_s += random.uniform(0, 0.5);
+    }
+    hand.hold_position_until(t_s);
+    return angle;
+  }
+};
+
 // Explores, and is back at the first view at the end, without unrest, so that it can be told again and again.
 MotionCurve lap(const Stage& stage, uint64_t seed, double duration_s) {
   constexpr double kExploredShare = 0.7, kQuiet_s = 1;
@@ -175,55 +228,17 @@ std::vector<std::string> start_names() {
 
 Start make_start(const std::string& name, const Scene& scene, uint64_t seed) {
   constexpr double kStory_s = 20;
-  constexpr double kMaxShare = 0.55;  // a view's corners are spread otherwise than its area: leave room below 60 %
   Random random(seed, 30);
-  const bool turns = name == "turn_start";
   Start start;
-  Isometry3d first = start_view(scene, name == "steep_start", random, &start.normal);
-  start.plane_share = largest_plane_share(scene, first, random);
-  for (int attempt = 0; scene.stage.cluttered && attempt < 40 && start.plane_share > kMaxShare; ++attempt) {
-    Vector3d normal;
-    const Isometry3d other = start_view(scene, false, random, &normal);
-    const double share = largest_plane_share(scene, other, random);
-    if (share >= start.plane_share) continue;
-    first = other;
-    start.normal = normal;
-    start.plane_share = share;
-  }
-  start.distance_m = first_hit(scene, first.translation(), first.linear().col(2));
-  if (!std::isfinite(start.distance_m)) start.distance_m = 1;
-  start.slant_deg = slant_degrees(first, start.normal);
+  const Isometry3d first = choose_start_view(scene, name == "steep_start", random, &start);
   const double depth = start.distance_m;
-
   const auto hand = std::make_shared<StartingHand>(first, seed);
-  double t = random.uniform(0.5, 1.0);
-  Offset now;
-  const auto move_to = [&](const Offset& target, double length_s) {
-    hand->add({t, length_s, {target.position - now.position, target.rotation - now.rotation}});
-    now = target;
-    t += length_s;
-  };
-  if (turns) {
-    const double angle = random.uniform(8, 30);
-    const double about = random.uniform(0, 2 * std::numbers::pi);
-    const Vector3d axis(std::cos(about), std::sin(about), random.uniform(-0.5, 0.5));
-    Offset turned;
-    turned.rotation = angle * kDegree * axis.normalized();
-    const double turn_s = std::max(0.8, 15.0 / 8 * angle * kDegree / (random.uniform(0.6, 1.2) * kLargestTurn));
-    move_to(turned, turn_s);
-    t += random.uniform(0, 0.5);
-    if (random.chance(0.5)) {
-      turned.rotation *= random.uniform(0, 0.3);
-      move_to(turned, turn_s);
-      t += random.uniform(0, 0.5);
-    }
-    start.turned_deg = angle;
-    hand->hold_position_until(t);
-  }
+  StartingWalk walk{random, *hand, {}, random.uniform(0.5, 1.0)};
+  if (name == "turn_start") start.turned_deg = walk.turn();
 
   // Sideways, the look-at point following in part; the axis that turns the view after a shift along d is z x d.
-  const Offset base = now;
-  start.move_s = t;
+  const Offset base = walk.now;
+  start.move_s = walk.t_s;
   start.length_m = random.uniform(0.08, 0.20);
   start.direction_deg = random.uniform(0, 360);
   const double follow = random.uniform(0.2, 1.0);
@@ -243,16 +258,17 @@ Start make_start(const std::string& name, const Scene& scene, uint64_t seed) {
   Vector3d shift = start.length_m * Vector3d(std::cos(direction), std::sin(direction), 0);
   shift.z() = start.length_m * random.uniform(-0.2, 0.2);
   const double speed = random.uniform(0.08, 0.25);  // m/s at the peak
-  move_to(offset_at(shift, 3), std::max(0.8, 15.0 / 8 * start.length_m / speed));
-  start.move_end_s = t;
-  t += random.uniform(0.2, 0.6);
-  while (t < kStory_s) {  // stays near by
+  walk.move_to(offset_at(shift, 3), std::max(0.8, 15.0 / 8 * start.length_m / speed));
+  start.move_end_s = walk.t_s;
+  walk.t_s += random.uniform(0.2, 0.6);
+  while (walk.t_s < kStory_s) {  // stays near by
     const double angle = random.uniform(0, 2 * std::numbers::pi);
     const double radius = start.length_m * random.uniform(0.5, 1.5);
     const Vector3d next(radius * std::cos(angle), radius * std::sin(angle), start.length_m * random.uniform(-0.3, 0.3));
-    const Vector3d step = next - (now.position - base.position);
-    move_to(offset_at(next, 5), std::max(0.8, 15.0 / 8 * step.norm() / (random.uniform(0.6, 1.0) * kLargestSpeed)));
-    if (random.chance(0.35)) t += random.uniform(0.2, 0.6);
+    const Vector3d step = next - (walk.now.position - base.position);
+    walk.move_to(offset_at(next, 5),
+                 std::max(0.8, 15.0 / 8 * step.norm() / (random.uniform(0.6, 1.0) * kLargestSpeed)));
+    if (random.chance(0.35)) walk.t_s += random.uniform(0.2, 0.6);
   }
   start.curve = [hand](double t_s) { return hand->at(t_s); };
   return start;

@@ -17,6 +17,10 @@ namespace pptam::sim {
 // T_wc at a time in seconds; camera x right, y down, z forward. Before 0 and after the story the hand holds still.
 using MotionCurve = std::function<Eigen::Isometry3d(double t_s)>;
 
+// "calm": hold still, move sideways, then explore. "shaky": the same with four times the tremor. "still": as on a
+// tripod. "pure_rotation": turns about a fixed point. "lap": as "calm", but ends as it begins, at the first view.
+std::vector<std::string> motion_names();
+
 // name is one of motion_names().
 MotionCurve make_motion(const std::string& name, const Stage& stage, uint64_t seed, double duration_s);
 

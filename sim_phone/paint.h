@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "sim_phone/random.h"
-#include "sim_phone/scene.h"
+#include "sim_phone/surface.h"
 
 namespace pptam::sim {
 

@@ -5,6 +5,8 @@
 #include <numbers>
 #include <utility>
 
+#include "platform/input_error.h"
+#include "platform/text.h"
 #include "sim_phone/motion.h"
 #include "sim_phone/random.h"
 #include "sim_phone/scene.h"
@@ -15,12 +17,7 @@ namespace pptam::sim {
 namespace {
 
 using platform::InputError;
-
-std::string joined(const std::vector<std::string>& names) {
-  std::string text;
-  for (const std::string& name : names) text += (text.empty() ? "" : ", ") + name;
-  return text;
-}
+using platform::joined;
 
 void require(bool good, const std::string& message) {
   if (!good) throw InputError("emulated phone: " + message);

@@ -1,12 +1,12 @@
 #include "sim_phone/scene.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <numbers>
 
 #include "sim_phone/paint.h"
-#include "sim_phone/phone_camera.h"
 #include "sim_phone/random.h"
 
 namespace pptam::sim {
@@ -431,6 +431,11 @@ Scene make_board(uint64_t seed) {
 }
 
 }  // namespace
+
+bool ground_plane_known(const std::string& scene) {
+  return scene == "desk" || scene == "boxes" || scene == "plane" || scene == "sparse" || scene == "tiles" ||
+         scene == "board";
+}
 
 std::vector<std::string> scene_names() {
   return {"desk", "boxes", "walls", "checkerboard", "plane", "clutter", "sparse", "tiles", "board"};

@@ -85,6 +85,18 @@ struct Sensor::Candidate {
   std::array<Linear, kMaxSamples> samples;
 };
 
+// One line of the image during its exposure.
+struct Sensor::Line {
+  int index = 0;
+  double t_s = 0;                  // mid-exposure
+  Isometry3d early, middle, late;  // T_cw at the exposure's begin, middle and end
+  Matrix3d K_inv;                  // pixel to ray of depth 1
+  size_t candidates = 0;           // the first so many of candidates_
+  double blur_px = 0;              // the largest on the line
+  int samples = 0;                 // of a pixel
+  std::array<SamplePoint, kMaxSamples> points;
+};
+
 Sensor::Sensor(const Scene& scene, MotionCurve motion, const SensorOptions& options)
     : scene_(scene), motion_(std::move(motion)), options_(options) {
   const CameraModel& m = options_.model;
@@ -146,126 +158,143 @@ void Sensor::integrate(double t_s) {
   for (int line = 0; line < lines_; ++line) render_line(line, t_s);
 }
 
-void Sensor::render_line(int line, double t_s) {
-  const CameraModel& m = options_.model;
-  const double line_t_s = t_s + (line - 0.5 * (lines_ - 1)) * static_cast<double>(options_.shutter.line_time_s);
-  const Isometry3d early = pose(line_t_s - 0.5 * options_.exposure_s).inverse();
-  const Isometry3d middle = pose(line_t_s).inverse();
-  const Isometry3d late = pose(line_t_s + 0.5 * options_.exposure_s).inverse();
-  Matrix3d K_inv = Matrix3d::Identity();
-  K_inv << 1.0 / m.fx, 0, -m.cx / m.fx, 0, 1.0 / m.fy, -m.cy / m.fy, 0, 0, 1;
-  const auto project = [&](const Vector3d& p) {
-    return Vector2d(m.fx * p.x() / p.z() + m.cx, m.fy * p.y() / p.z() + m.cy);
-  };
+void Sensor::render_line(int index, double t_s) {
+  Line line = line_at(index, t_s);
+  find_surfaces(&line);
+  if (options_.occluder) find_held(&line);
+  choose_samples(&line);
+  aim(line);
+  trace(line, mean_light(line));
+}
 
-  // Which surfaces can be seen, and in which part of the line.
-  size_t candidates = 0;
-  double blur_px = 0;
+Sensor::Line Sensor::line_at(int index, double t_s) const {
+  const CameraModel& m = options_.model;
+  Line line;
+  line.index = index;
+  line.t_s = t_s + (index - 0.5 * (lines_ - 1)) * static_cast<double>(options_.shutter.line_time_s);
+  line.early = pose(line.t_s - 0.5 * options_.exposure_s).inverse();
+  line.middle = pose(line.t_s).inverse();
+  line.late = pose(line.t_s + 0.5 * options_.exposure_s).inverse();
+  line.K_inv << 1.0 / m.fx, 0, -m.cx / m.fx, 0, 1.0 / m.fy, -m.cy / m.fy, 0, 0, 1;
+  return line;
+}
+
+Vector2d Sensor::projected(const Vector3d& p_c) const {
+  const CameraModel& m = options_.model;
+  return Vector2d(m.fx * p_c.x() / p_c.z() + m.cx, m.fy * p_c.y() / p_c.z() + m.cy);
+}
+
+// Which surfaces can be seen, and in which part of the line.
+void Sensor::find_surfaces(Line* line) {
+  const Vector3d camera = pose(line->t_s).translation();
   for (const Surface& s : scene_.surfaces) {
     const Vector3d normal = s.v_axis.cross(s.u_axis);
-    const Vector3d camera = pose(line_t_s).translation();
     if (normal.dot(camera - s.origin) <= 0) continue;
     Vector2d low(1e9, 1e9), high(-1e9, -1e9);
     bool whole = false;
     for (int corner = 0; corner < 4; ++corner) {
       const Vector3d p =
           s.origin + (corner & 1 ? s.width_m : 0.0) * s.u_axis + (corner & 2 ? s.height_m : 0.0) * s.v_axis;
-      for (const Isometry3d* T : {&early, &middle, &late}) {
+      for (const Isometry3d* T : {&line->early, &line->middle, &line->late}) {
         const Vector3d p_c = *T * p;
         if (p_c.z() < kNear_m) {
           whole = true;
         } else {
-          const Vector2d px = project(p_c);
+          const Vector2d px = projected(p_c);
           low = low.cwiseMin(px);
           high = high.cwiseMax(px);
         }
       }
     }
-    Candidate& c = candidates_[candidates];
-    c.first = 0;
-    c.last = line_length_ - 1;
-    if (!whole) {
-      constexpr double kMargin = 2;  // half a pixel, and what the motion's curvature may add
-      const int across = columns_ ? 0 : 1;
-      const int along = 1 - across;
-      if (line < low[across] - kMargin || line > high[across] + kMargin) continue;
-      c.first = static_cast<int>(std::max(0.0, low[along] - kMargin));
-      c.last = static_cast<int>(std::min(line_length_ - 1.0, high[along] + kMargin));
-      if (c.first > c.last) continue;
+    if (whole) {
+      low.setConstant(-1e9);
+      high.setConstant(1e9);
     }
-    c.surface = &s;
-    c.held = false;
-    c.width = static_cast<float>(s.width_m / s.texel_m);
-    c.height = static_cast<float>(s.height_m / s.texel_m);
-    ++candidates;
+    add_candidate(s, false, low, high, line);
   }
-  if (options_.occluder) {
-    // Held things move on their own: all that may come into the line during its exposure.
-    for (const Surface& s : options_.occluder->surfaces) {
-      Vector2d low(1e9, 1e9), high(-1e9, -1e9);
-      bool near = false;
-      Vector2d corner_px[2];  // at the exposure's ends
-      for (const double time : {-0.5, 0.0, 0.5}) {
-        const Vector3d at = options_.occluder->position(line_t_s + time * options_.exposure_s);
-        for (int corner = 0; corner < 4; ++corner) {
-          const Vector3d p =
-              at + s.origin + (corner & 1 ? s.width_m : 0.0) * s.u_axis + (corner & 2 ? s.height_m : 0.0) * s.v_axis;
-          near = near || p.z() < kNear_m;
-          const Vector2d px = project(p);
-          low = low.cwiseMin(px);
-          high = high.cwiseMax(px);
-          if (corner == 0 && time != 0) corner_px[time > 0 ? 1 : 0] = px;
-        }
+}
+
+// Held things move on their own: all that may come into the line during its exposure.
+void Sensor::find_held(Line* line) {
+  for (const Surface& s : options_.occluder->surfaces) {
+    Vector2d low(1e9, 1e9), high(-1e9, -1e9);
+    bool near = false;
+    Vector2d corner_px[2];  // at the exposure's ends
+    for (const double time : {-0.5, 0.0, 0.5}) {
+      const Vector3d at = options_.occluder->position(line->t_s + time * options_.exposure_s);
+      for (int corner = 0; corner < 4; ++corner) {
+        const Vector3d p =
+            at + s.origin + (corner & 1 ? s.width_m : 0.0) * s.u_axis + (corner & 2 ? s.height_m : 0.0) * s.v_axis;
+        near = near || p.z() < kNear_m;
+        const Vector2d px = projected(p);
+        low = low.cwiseMin(px);
+        high = high.cwiseMax(px);
+        if (corner == 0 && time != 0) corner_px[time > 0 ? 1 : 0] = px;
       }
-      constexpr double kMargin = 2;
-      const int across = columns_ ? 0 : 1;
-      const int along = 1 - across;
-      if (near || line < low[across] - kMargin || line > high[across] + kMargin) continue;
-      Candidate& c = candidates_[candidates];
-      c.first = static_cast<int>(std::max(0.0, low[along] - kMargin));
-      c.last = static_cast<int>(std::min(line_length_ - 1.0, high[along] + kMargin));
-      if (c.first > c.last) continue;
-      c.surface = &s;
-      c.held = true;
-      blur_px = std::max(blur_px, (corner_px[0] - corner_px[1]).norm());
-      c.width = static_cast<float>(s.width_m / s.texel_m);
-      c.height = static_cast<float>(s.height_m / s.texel_m);
-      ++candidates;
     }
+    if (near || !add_candidate(s, true, low, high, line)) continue;
+    line->blur_px = std::max(line->blur_px, (corner_px[0] - corner_px[1]).norm());
   }
-  double light = 1;
-  if (options_.light) {
-    constexpr int kLightSamples = 16;  // over the exposure: 2 to 4 ms apart
-    light = 0;
-    for (int i = 0; i < kLightSamples; ++i) {
-      light += options_.light(line_t_s + ((i + 0.5) / kLightSamples - 0.5) * options_.exposure_s) / kLightSamples;
-    }
+}
+
+// low and high: the box in the image that the surface stays in. False when the line does not meet it.
+bool Sensor::add_candidate(const Surface& surface, bool held, const Vector2d& low, const Vector2d& high, Line* line) {
+  constexpr double kMargin = 2;  // half a pixel, and what the motion's curvature may add
+  const int across = columns_ ? 0 : 1;
+  const int along = 1 - across;
+  if (line->index < low[across] - kMargin || line->index > high[across] + kMargin) return false;
+  Candidate& c = candidates_[line->candidates];
+  c.first = static_cast<int>(std::max(0.0, low[along] - kMargin));
+  c.last = static_cast<int>(std::min(line_length_ - 1.0, high[along] + kMargin));
+  if (c.first > c.last) return false;
+  c.surface = &surface;
+  c.held = held;
+  c.width = static_cast<float>(surface.width_m / surface.texel_m);
+  c.height = static_cast<float>(surface.height_m / surface.texel_m);
+  ++line->candidates;
+  return true;
+}
+
+double Sensor::mean_light(const Line& line) const {
+  if (!options_.light) return 1;
+  constexpr int kLightSamples = 16;  // over the exposure: 2 to 4 ms apart
+  double light = 0;
+  for (int i = 0; i < kLightSamples; ++i) {
+    light += options_.light(line.t_s + ((i + 0.5) / kLightSamples - 0.5) * options_.exposure_s) / kLightSamples;
   }
-  // The blur near the line's ends, for things at a short arm's length.
+  return light;
+}
+
+// As many as the blur asks for: of what is held, and near the line's ends, for things at a short arm's length.
+void Sensor::choose_samples(Line* line) const {
   for (const double along : {0.1, 0.9}) {
     const double s = along * (line_length_ - 1);
-    const Vector3d ray = K_inv * (columns_ ? Vector3d(line, s, 1) : Vector3d(s, line, 1));
-    const Vector3d p = middle.inverse() * (0.4 * ray);
-    const Vector3d a = early * p;
-    const Vector3d b = late * p;
-    if (a.z() > kNear_m && b.z() > kNear_m) blur_px = std::max(blur_px, (project(a) - project(b)).norm());
+    const Vector3d ray = line->K_inv * (columns_ ? Vector3d(line->index, s, 1) : Vector3d(s, line->index, 1));
+    const Vector3d p = line->middle.inverse() * (0.4 * ray);
+    const Vector3d a = line->early * p;
+    const Vector3d b = line->late * p;
+    if (a.z() > kNear_m && b.z() > kNear_m)
+      line->blur_px = std::max(line->blur_px, (projected(a) - projected(b)).norm());
   }
-  int samples = kMinSamples;
-  while (samples < blur_px && samples < kMaxSamples) samples *= 2;
-  const auto points = sample_points(samples);
+  line->samples = kMinSamples;
+  while (line->samples < line->blur_px && line->samples < kMaxSamples) line->samples *= 2;
+  line->points = sample_points(line->samples);
+}
 
-  for (int k = 0; k < samples; ++k) {
-    const SamplePoint& point = points[static_cast<size_t>(k)];
-    const Isometry3d T_wc = pose(line_t_s + point.time * options_.exposure_s);
-    const Matrix3d world_rays = T_wc.linear() * K_inv;  // pixel to direction in the world, of depth 1
+// Each candidate's texels along the line, for each sample.
+void Sensor::aim(const Line& line) {
+  for (int k = 0; k < line.samples; ++k) {
+    const SamplePoint& point = line.points[static_cast<size_t>(k)];
+    const Isometry3d T_wc = pose(line.t_s + point.time * options_.exposure_s);
+    const Matrix3d world_rays = T_wc.linear() * line.K_inv;  // pixel to direction in the world, of depth 1
     const Vector3d world_o = T_wc.translation();
     const Vector3d held_o = options_.occluder
-                                ? Vector3d(-options_.occluder->position(line_t_s + point.time * options_.exposure_s))
+                                ? Vector3d(-options_.occluder->position(line.t_s + point.time * options_.exposure_s))
                                 : Vector3d(0, 0, 0);
-    for (size_t i = 0; i < candidates; ++i) {
+    for (size_t i = 0; i < line.candidates; ++i) {
       Candidate& c = candidates_[i];
       const Surface& s = *c.surface;
-      const Matrix3d& rays = c.held ? K_inv : world_rays;
+      const Matrix3d& rays = c.held ? line.K_inv : world_rays;
       const Vector3d& o = c.held ? held_o : world_o;
       // The ray o + d / w meets the plane where w = n.d / n.(origin - o); there u w = U.(o - origin) w + U.d.
       const Vector3d normal = s.v_axis.cross(s.u_axis);
@@ -274,8 +303,8 @@ void Sensor::render_line(int line, double t_s) {
       H.row(2) = (rays.transpose() * normal).transpose() / -normal.dot(from_origin);
       H.row(0) = (from_origin.dot(s.u_axis) * H.row(2) + s.u_axis.transpose() * rays) / s.texel_m;
       H.row(1) = (from_origin.dot(s.v_axis) * H.row(2) + s.v_axis.transpose() * rays) / s.texel_m;
-      const double x = columns_ ? line + point.x : point.x;
-      const double y = columns_ ? point.y : line + point.y;
+      const double x = columns_ ? line.index + point.x : point.x;
+      const double y = columns_ ? point.y : line.index + point.y;
       const Vector3d start = H * Vector3d(x, y, 1);
       const Vector3d step = H.col(columns_ ? 1 : 0);
       // The map from pixels to texels stretches areas by det H / w^3.
@@ -289,20 +318,24 @@ void Sensor::render_line(int line, double t_s) {
                                            log2_area};
     }
   }
+}
 
+// The nearest candidate at each place, for each sample; their mean goes into linear_.
+void Sensor::trace(const Line& line, double light) {
   // Samples lie closer than pixels do: filter to half a pixel, the rest is their mean's work.
   constexpr float kSharper = -1.0f;
   constexpr float kSeam_texels = 0.02f;  // neighbouring surfaces overlap by this, so that rounding leaves no cracks
-  float* const out = linear_.data() + (columns_ ? line : line * m.width);
-  const int out_step = columns_ ? m.width : 1;
-  const float mean = static_cast<float>(light) / static_cast<float>(samples);
+  const int width = options_.model.width;
+  float* const out = linear_.data() + (columns_ ? line.index : line.index * width);
+  const int out_step = columns_ ? width : 1;
+  const float mean = static_cast<float>(light) / static_cast<float>(line.samples);
   for (int place = 0; place < line_length_; ++place) {
     const float s = static_cast<float>(place);
     float sum = 0;
-    for (int k = 0; k < samples; ++k) {
+    for (int k = 0; k < line.samples; ++k) {
       const Candidate* nearest = nullptr;
       float nearest_w = 0, nearest_u = 0, nearest_v = 0;
-      for (size_t i = 0; i < candidates; ++i) {
+      for (size_t i = 0; i < line.candidates; ++i) {
         const Candidate& c = candidates_[i];
         if (place < c.first || place > c.last) continue;
         const Candidate::Linear& l = c.samples[static_cast<size_t>(k)];
@@ -323,7 +356,7 @@ void Sensor::render_line(int line, double t_s) {
       }
       const float log2_area = nearest->samples[static_cast<size_t>(k)].log2_area - 3 * rough_log2(nearest_w);
       // Levels are chosen at random in proportion to their distance, which over the samples is trilinear filtering.
-      const float level = 0.5f * log2_area + kSharper + points[static_cast<size_t>(k)].level;
+      const float level = 0.5f * log2_area + kSharper + line.points[static_cast<size_t>(k)].level;
       const Texture& texture = nearest->surface->texture;
       const int top = static_cast<int>(texture.levels.size()) - 1;
       const int chosen = level <= 0 ? 0 : std::min(static_cast<int>(level), top);

@@ -47,9 +47,21 @@ class Sensor {
 
  private:
   struct Candidate;
+  struct Line;
   void integrate(double t_s);                                    // fills linear_
   void develop(double t_s, uint64_t frame_index, uint8_t* out);  // linear_ to grey
-  void render_line(int line, double t_s);
+  void render_line(int index, double t_s);
+  // Its steps, in this order.
+  Line line_at(int index, double t_s) const;
+  void find_surfaces(Line* line);
+  void find_held(Line* line);
+  bool add_candidate(const Surface& surface, bool held, const Vector2d& low, const Vector2d& high, Line* line);
+  void choose_samples(Line* line) const;
+  void aim(const Line& line);
+  double mean_light(const Line& line) const;
+  void trace(const Line& line, double light);
+
+  Vector2d projected(const Vector3d& p_c) const;
   Eigen::Isometry3d pose(double t_s) const;  // from the table
 
   const Scene& scene_;

@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "sim_phone/motion.h"
-#include "sim_phone/phone_camera.h"
+#include "sim_phone/phone_options.h"
 #include "sim_phone/scene.h"
 #include "sim_phone/sensor.h"
 

@@ -1,34 +1,33 @@
-#include "platform/app/map_command.h"
+// pocket-ptam map info|export: what is in a saved map, and the map for other programs.
 
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <map>
+#include <memory>
 #include <utility>
 
-#include "platform/app/console.h"
-#include "platform/app/report.h"
-#include "platform/camera.h"
+#include "platform/app/commands.h"
 #include "platform/camera/image_files.h"
 #include "platform/files.h"
+#include "platform/input_error.h"
+#include "platform/run/console.h"
+#include "platform/run/names.h"
+#include "platform/run/run.h"
+#include "platform/run/text_outputs.h"
+#include "platform/text.h"
 
 namespace pptam::app {
 namespace {
 
-using platform::InputError;
+using namespace platform;
 
-constexpr size_t kLargestMapFile = size_t{1} << 30;
-
-void write_text(const std::filesystem::path& file, const std::string& text) {
-  platform::write_atomically(file, std::as_bytes(std::span(text)));
-}
-
-void make_folder(const std::filesystem::path& folder) {
-  std::error_code error;
-  std::filesystem::create_directories(folder, error);
-  if (error) throw InputError(folder.string() + ": cannot be made: " + error.message());
-}
+struct MapExportOptions {
+  std::filesystem::path map;
+  std::string ply;     // file; empty: none
+  std::string colmap;  // folder, for COLMAP's text model; empty: none
+};
 
 // A map that was read from a file, inside a System of its own.
 class LoadedMap {
@@ -76,7 +75,7 @@ class LoadedMap {
   std::vector<MeasurementInfo> measurements_;
 };
 
-const char* name_of(Distortion distortion) {
+const char* distortion_name(Distortion distortion) {
   switch (distortion) {
     case Distortion::kNone:
       return "no distortion";
@@ -139,10 +138,10 @@ std::string image_name(uint32_t keyframe_id) {
 void write_colmap(const LoadedMap& map, const std::filesystem::path& folder) {
   make_folder(folder / "images");
   for (const KeyframeInfo& keyframe : map.keyframes())
-    platform::write_png(folder / "images" / image_name(keyframe.id), map.system().keyframe_image(keyframe.id));
+    write_png(folder / "images" / image_name(keyframe.id), map.system().keyframe_image(keyframe.id));
 
-  write_text(folder / "cameras.txt",
-             "# CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]\n1 " + colmap_camera(map.info().camera.model) + "\n");
+  write_text_atomically(folder / "cameras.txt",
+                        "# CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]\n1 " + colmap_camera(map.info().camera.model) + "\n");
 
   // Observations by image; their places in it are what the tracks refer to.
   const std::vector<float> errors = reprojection_errors(map);
@@ -165,7 +164,7 @@ void write_colmap(const LoadedMap& map, const std::filesystem::path& folder) {
                      t.z()) +
               image_name(keyframe.id) + "\n" + observations[keyframe.id] + "\n";
   }
-  write_text(folder / "images.txt", images);
+  write_text_atomically(folder / "images.txt", images);
 
   std::string points = "# POINT3D_ID X Y Z R G B ERROR TRACK[] as IMAGE_ID POINT2D_IDX\n";
   for (const MapPointInfo& point : map.points()) {
@@ -174,13 +173,7 @@ void write_colmap(const LoadedMap& map, const std::filesystem::path& folder) {
                      point.grey, point.grey, point.grey, count > 0 ? sum / count : 0.0) +
               tracks[point.id] + "\n";
   }
-  write_text(folder / "points3D.txt", points);
-}
-
-}  // namespace
-
-std::vector<std::byte> read_map_file(const std::filesystem::path& file) {
-  return platform::read_file(file, kLargestMapFile);
+  write_text_atomically(folder / "points3D.txt", points);
 }
 
 void print_map_info(const std::filesystem::path& file) {
@@ -192,12 +185,11 @@ void print_map_info(const std::filesystem::path& file) {
   std::vector<SummaryRow> rows;
   rows.push_back({"map", format("version %d, %zu bytes, checksum and contents good", info.version, map.bytes())});
   rows.push_back({"camera", format("%dx%d, fx %.6g, fy %.6g, cx %.6g, cy %.6g, %s", camera.width, camera.height,
-                                   camera.fx, camera.fy, camera.cx, camera.cy, name_of(camera.distortion))});
-  rows.push_back(
-      {"shutter", shutter.line_time_s == 0
-                      ? std::string("global")
-                      : format("%s:%c:%.6g", columns ? "columns" : "rows", shutter.line_time_s > 0 ? '+' : '-',
-                               std::abs(shutter.line_time_s) * (columns ? camera.width : camera.height))});
+                                   camera.fx, camera.fy, camera.cx, camera.cy, distortion_name(camera.distortion))});
+  rows.push_back({"shutter", shutter.line_time_s == 0
+                                 ? std::string("global")
+                                 : format("%s:%c:%.6g", name_of(shutter.axis), shutter.line_time_s > 0 ? '+' : '-',
+                                          std::abs(shutter.line_time_s) * (columns ? camera.width : camera.height))});
   rows.push_back({"keyframes", format("%d, and %d erased", info.keyframes, info.erased_keyframes)});
   Eigen::AlignedBox3f box;
   for (const MapPointInfo& point : map.points()) box.extend(point.p_w);
@@ -230,19 +222,36 @@ void export_map(const MapExportOptions& options) {
   }
 }
 
-void write_ply(const std::filesystem::path& file, std::span<const MapPointInfo> points) {
-  std::string text = format(
-      "ply\nformat ascii 1.0\ncomment map points in world units, z = 0 is the dominant plane\nelement vertex %zu\n"
-      "property float x\nproperty float y\nproperty float z\n"
-      "property float nx\nproperty float ny\nproperty float nz\n"
-      "property uchar red\nproperty uchar green\nproperty uchar blue\nproperty int measurements\nend_header\n",
-      points.size());
-  for (const MapPointInfo& point : points) {
-    const int grey = point.grey;
-    text += format("%.7g %.7g %.7g %.4f %.4f %.4f %d %d %d %d\n", point.p_w.x(), point.p_w.y(), point.p_w.z(),
-                   point.normal_w.x(), point.normal_w.y(), point.normal_w.z(), grey, grey, grey, point.measurements);
-  }
-  write_text(file, text);
+}  // namespace
+
+Command add_map(CLI::App& program) {
+  CLI::App* command = program.add_subcommand("map", "Look into a saved map, or take it to other programs");
+  command->require_subcommand(1);
+  const auto options = std::make_shared<MapExportOptions>();
+  CLI::App* map_info = command->add_subcommand("info", "What is in it; exit code 2 if it is damaged");
+  CLI::App* map_export = command->add_subcommand("export", "Write it for other programs");
+  for (CLI::App* part : {map_info, map_export})
+    part->add_option("map", options->map, "Saved by --save-map")->required()->type_name("FILE");
+  map_export->add_option("--ply", options->ply, "The points, for MeshLab or CloudCompare")->type_name("OUT.ply");
+  map_export
+      ->add_option("--colmap", options->colmap,
+                   "COLMAP's text model (cameras.txt, images.txt, points3D.txt) and the keyframes' images")
+      ->type_name("DIR");
+  map_info->footer("Example:\n  pocket-ptam map info desk.map");
+  map_export->footer(
+      "In COLMAP's model the measurements are corrected for the rolling shutter; the images are as they were.\n"
+      "Examples:\n"
+      "  pocket-ptam map export desk.map --ply desk.ply\n"
+      "  pocket-ptam map export desk.map --colmap desk-colmap");
+  command->footer(
+      "Examples:\n"
+      "  pocket-ptam sim --save-map desk.map\n"
+      "  pocket-ptam map info desk.map\n"
+      "  pocket-ptam map export desk.map --ply desk.ply --colmap desk-colmap");
+  return {command, [options, map_info] {
+            map_info->parsed() ? print_map_info(options->map) : export_map(*options);
+            return kExitOk;
+          }};
 }
 
 }  // namespace pptam::app

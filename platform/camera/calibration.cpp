@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "platform/camera.h"
+#include "platform/input_error.h"
 
 namespace pptam::platform {
 namespace {

@@ -3,10 +3,10 @@
 #include <cinttypes>
 #include <cmath>
 #include <cstdio>
-#include <fstream>
 #include <string>
 
 #include "platform/camera/image_files.h"
+#include "platform/files.h"
 
 namespace pptam::platform {
 namespace {
@@ -15,13 +15,6 @@ std::string seconds(int64_t ns) {
   char text[48];
   std::snprintf(text, sizeof text, "%" PRId64 ".%09" PRId64, ns / 1000000000, ns % 1000000000);
   return text;
-}
-
-void write_text(const std::filesystem::path& file, const std::string& text) {
-  std::ofstream out(file, std::ios::binary);
-  out << text;
-  out.close();
-  if (!out) throw InputError(file.string() + ": cannot be written");
 }
 
 std::string calibration_text(const CameraInfo& info) {
@@ -80,14 +73,14 @@ std::string calibration_text(const CameraInfo& info) {
 
 }  // namespace
 
-void dump_sequence(Camera& camera, const std::filesystem::path& folder, void (*progress)(int, int)) {
+void dump_sequence(Camera& camera, const std::filesystem::path& folder,
+                   const std::function<void(int done, int total)>& progress) {
   std::error_code error;
   if (std::filesystem::exists(folder, error) &&
       (!std::filesystem::is_directory(folder, error) || !std::filesystem::is_empty(folder, error))) {
     throw InputError(folder.string() + ": exists and is not an empty folder; name a new one");
   }
-  std::filesystem::create_directories(folder / "rgb", error);
-  if (error) throw InputError(folder.string() + ": cannot be made: " + error.message());
+  make_folder(folder / "rgb");
 
   write_text(folder / "calibration.yaml", calibration_text(camera.info()));
   std::string list = "# timestamp filename\n";
@@ -100,7 +93,7 @@ void dump_sequence(Camera& camera, const std::filesystem::path& folder, void (*p
     write_png(folder / name, {frame.data, frame.width, frame.height, frame.stride_bytes});
     list += stamp + " " + name + "\n";
     ++done;
-    if (progress != nullptr) progress(done, camera.info().frame_count.value_or(done));
+    if (progress) progress(done, camera.info().frame_count.value_or(done));
   }
   write_text(folder / "rgb.txt", list);
   Trajectory truth = camera.ground_truth();

@@ -4,7 +4,7 @@
 #include <string>
 #include <utility>
 
-#include "platform/camera.h"
+#include "platform/input_error.h"
 
 namespace pptam::platform {
 namespace {

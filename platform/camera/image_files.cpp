@@ -9,7 +9,7 @@
 #include <string>
 
 #include "image/grey.h"
-#include "platform/camera.h"
+#include "platform/input_error.h"
 
 namespace pptam::platform {
 namespace {

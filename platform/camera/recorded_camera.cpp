@@ -14,6 +14,7 @@
 #include "platform/camera/frame_transform.h"
 #include "platform/camera/image_files.h"
 #include "platform/camera/video_file.h"
+#include "scheduler/clock.h"
 
 namespace pptam::platform {
 namespace {
@@ -401,7 +402,8 @@ std::string name_of(const fs::path& source) {
 
 double median_fps(const std::vector<ImageEntry>& images) {
   std::vector<int64_t> steps_ns;
-  for (size_t i = 1; i < images.size(); ++i) steps_ns.push_back(images[i].timestamp_ns - images[i - 1].timestamp_ns);
+  for (size_t i = 1; i < images.size(); ++i)
+    steps_ns.push_back(saturated_difference(images[i].timestamp_ns, images[i - 1].timestamp_ns));
   if (steps_ns.empty()) return kDefaultFps;
   std::sort(steps_ns.begin(), steps_ns.end());
   return kNsPerS / static_cast<double>(steps_ns[steps_ns.size() / 2]);

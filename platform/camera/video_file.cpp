@@ -6,7 +6,7 @@
 #include <map>
 #include <string_view>
 
-#include "platform/camera.h"
+#include "platform/input_error.h"
 
 namespace pptam::platform {
 namespace {

@@ -1,16 +1,17 @@
 // The judge itself: known errors go in, the same errors must come out.
-#include "platform/app/evaluation.h"
+#include "platform/run/evaluation.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <string>
 
 #include "platform/camera.h"
 #include "tests/support/random.h"
 
-namespace pptam::app {
+namespace pptam::platform {
 namespace {
 
 using Eigen::AngleAxisd;
@@ -245,5 +246,19 @@ TEST(Evaluation, RefusesWhatCannotBeCompared) {
   EXPECT_EQ(refusal(Trajectory(truth.begin(), truth.begin() + 3), truth), "");
 }
 
+// Times at the two ends of int64_t are far apart; their difference, wrapped round, would be a millisecond.
+TEST(Evaluation, PosesAtTheTwoEndsOfTimeAreNotTakenForNeighbours) {
+  Trajectory estimate = wavy_path(4);
+  Trajectory truth = estimate;
+  for (int i = 0; i < 4; ++i) {
+    estimate[static_cast<size_t>(i)].timestamp_ns = std::numeric_limits<int64_t>::min() + i * 100'000;
+    truth[static_cast<size_t>(i)].timestamp_ns = std::numeric_limits<int64_t>::max() - (3 - i) * 100'000;
+  }
+  EXPECT_NE(refusal(estimate, truth).find("no pose lies within"), std::string::npos) << refusal(estimate, truth);
+  Trajectory both = estimate;
+  both.insert(both.end(), truth.begin(), truth.end());
+  EXPECT_LT(judge(both, both).ate_rmse, kExact);
+}
+
 }  // namespace
-}  // namespace pptam::app
+}  // namespace pptam::platform

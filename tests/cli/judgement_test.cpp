@@ -1,5 +1,5 @@
 // The judge of the suite's runs: runs with known faults go in, the same faults must come out.
-#include "platform/app/judgement.h"
+#include "sim_phone/laboratory/judgement.h"
 
 #include <gtest/gtest.h>
 
@@ -7,14 +7,18 @@
 #include <numbers>
 #include <set>
 
-#include "platform/app/suite.h"
+#include "platform/run/statistics.h"
+#include "sim_phone/laboratory/suite.h"
 #include "tests/support/random.h"
 
-namespace pptam::app {
+namespace pptam::laboratory {
 namespace {
 
 using Eigen::AngleAxisd;
 using Eigen::Vector3d;
+using platform::FrameLog;
+using platform::percentile;
+using platform::RunLog;
 
 constexpr double kDegree = std::numbers::pi / 180;
 constexpr int kFrames = 300;
@@ -238,4 +242,4 @@ TEST(Suite, ShardsCoverEveryRunOnce) {
 }
 
 }  // namespace
-}  // namespace pptam::app
+}  // namespace pptam::laboratory

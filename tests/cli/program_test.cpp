@@ -419,6 +419,16 @@ double colmap_error(const fs::path& folder, int* images, int* points) {
   return errors[errors.size() / 2];
 }
 
+TEST_F(Program, TimestampsAtTheEndsOfTimeAreTrackedInOrder) {
+  std::string image = "P5 160 120 255\n";
+  for (int i = 0; i < 160 * 120; ++i) image += static_cast<char>(i * 7919 % 251);
+  write("frame.pgm", image);
+  write("ends.txt", "-9223372036.8 frame.pgm\n0 frame.pgm\n9223372036.8 frame.pgm\n");
+  const Answer answer = run("replay ends.txt --fov 50 --no-overlay --no-report --out o");
+  EXPECT_EQ(answer.code, 0) << answer.err;
+  EXPECT_TRUE(contains(answer.out, "3 tracked, 0 dropped")) << answer.out;
+}
+
 TEST_F(Program, SavedMapsAreLoadedShownAndExported) {
   const std::string quiet = " --no-overlay --no-report --out o";
   const Answer made = run("sim --duration 6 --save-map desk.map" + quiet);

@@ -6,15 +6,15 @@
 #include <string>
 #include <tuple>
 
-#include "platform/app/endurance.h"
-#include "platform/app/evaluation.h"
-#include "platform/app/run.h"
+#include "platform/run/evaluation.h"
+#include "platform/run/run.h"
+#include "sim_phone/laboratory/endurance.h"
 #include "tests/support/recording.h"
 
 namespace pptam {
 namespace {
 
-using app::RunLog;
+using platform::RunLog;
 
 test::Recording explore(const std::string& scene, uint64_t seed) {
   sim::PhoneOptions options;
@@ -26,10 +26,10 @@ test::Recording explore(const std::string& scene, uint64_t seed) {
 
 RunLog run(const test::Recording& recording, int max_keyframes, int max_erased_keyframes) {
   test::Replay camera(recording);
-  app::RunOptions options;
+  platform::RunOptions options;
   options.max_keyframes = max_keyframes;
   options.max_erased_keyframes = max_erased_keyframes;
-  return app::run_sequence(
+  return platform::run_sequence(
       camera, options, [](const platform::CameraInfo&) {},
       [&](const Frame&, const TrackResult& result, const RunLog&) {
         EXPECT_TRUE(result.status.ok());
@@ -49,10 +49,10 @@ TEST_P(Exploring, WithTwelveKeyframesStaysWholeAndTrue) {
     EXPECT_EQ(log.map_parts, 1) << "never split";
     EXPECT_GT(log.tracked_fraction(), 0.95) << most_erased;
     int erased = 0;
-    for (const app::FrameLog& frame : log.frames) erased = std::max(erased, frame.erased_keyframes);
+    for (const platform::FrameLog& frame : log.frames) erased = std::max(erased, frame.erased_keyframes);
     EXPECT_GE(erased, std::min(most_erased, 2));
     // Right poses throughout; as a root mean square three times better than a wrong one, as in system_test.cpp.
-    const app::Evaluation evaluation = app::evaluate(log.trajectory(), recording.truth, "run", "truth");
+    const platform::Evaluation evaluation = platform::evaluate(log.trajectory(), recording.truth, "run", "truth");
     EXPECT_EQ(evaluation.wrong_poses, 0) << most_erased;
     EXPECT_LT(evaluation.ate_rmse, evaluation.extent / 30) << most_erased;
     // The same bits in the same run.
@@ -70,7 +70,7 @@ TEST(FullMap, SaysSo) {
   const test::Recording recording = explore("walls", 1);
   const auto full = [](const RunLog& log) {
     return std::any_of(log.frames.begin(), log.frames.end(),
-                       [](const app::FrameLog& frame) { return (frame.limits_hit & kLimitKeyframes) != 0; });
+                       [](const platform::FrameLog& frame) { return (frame.limits_hit & kLimitKeyframes) != 0; });
   };
   const RunLog log = run(recording, 3, 10);
   EXPECT_TRUE(full(log));
@@ -79,16 +79,16 @@ TEST(FullMap, SaysSo) {
 }
 
 TEST(Endurance, FourMinutesAreNoBurden) {
-  app::EnduranceOptions options;
+  laboratory::EnduranceOptions options;
   options.minutes = 4;
-  const app::EnduranceReport report = app::endure(options, true);
+  const laboratory::EnduranceReport report = laboratory::endure(options, true);
   for (const std::string& fault : report.faults) ADD_FAILURE() << fault;
   ASSERT_EQ(report.minutes.size(), 4u);
   EXPECT_EQ(report.map_parts, 1);
   EXPECT_GT(report.minutes[1].erased_keyframes, 0);
   int losses = 0, recovered = 0;
   for (size_t m = 1; m < report.minutes.size(); ++m) {
-    const app::EnduranceMinute& minute = report.minutes[m];
+    const laboratory::EnduranceMinute& minute = report.minutes[m];
     EXPECT_GT(minute.tracked, 0.95 * minute.expected) << m;
     EXPECT_LE(minute.keyframes, 35);
     EXPECT_LE(minute.erased_keyframes, 36);

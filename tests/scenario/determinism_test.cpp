@@ -4,7 +4,7 @@
 #include <functional>
 #include <vector>
 
-#include "platform/app/run.h"
+#include "platform/run/run.h"
 #include "tests/support/recording.h"
 
 namespace pptam {
@@ -46,11 +46,12 @@ Trace run(const Config& config, const std::function<void(Phone&, int)>& idle, in
 TEST(Determinism, TwoRunsOfTheProgramAreEqual) {
   const auto go = [] {
     test::Replay camera(recording());
-    return app::run_sequence(
-        camera, {}, [](const platform::CameraInfo&) {}, [](const Frame&, const TrackResult&, const app::RunLog&) {});
+    return platform::run_sequence(
+        camera, {}, [](const platform::CameraInfo&) {},
+        [](const Frame&, const TrackResult&, const platform::RunLog&) {});
   };
-  const app::RunLog a = go();
-  const app::RunLog b = go();
+  const platform::RunLog a = go();
+  const platform::RunLog b = go();
   ASSERT_NE(a.first_tracked(), nullptr);
   EXPECT_EQ(a.map_hash, b.map_hash);
   ASSERT_EQ(a.frames.size(), b.frames.size());

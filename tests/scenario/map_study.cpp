@@ -20,12 +20,13 @@
 #include <vector>
 
 #include "map/map_file.h"
-#include "platform/app/console.h"
-#include "platform/app/evaluation.h"
-#include "platform/app/judgement.h"
-#include "platform/app/report.h"
-#include "platform/app/run.h"
-#include "platform/app/suite.h"
+#include "platform/run/console.h"
+#include "platform/run/evaluation.h"
+#include "platform/run/jobs.h"
+#include "platform/run/run.h"
+#include "platform/run/statistics.h"
+#include "platform/text.h"
+#include "sim_phone/phone_camera.h"
 #include "sim_phone/story.h"
 #include "tests/support/engine_run.h"
 
@@ -271,7 +272,7 @@ class Judge {
     }
     std::sort(estimate.begin(), estimate.end(),
               [](const auto& a, const auto& b) { return a.timestamp_ns < b.timestamp_ns; });
-    return app::evaluate(estimate, truth_, "keyframes", "ground truth").ate_percent();
+    return platform::evaluate(estimate, truth_, "keyframes", "ground truth").ate_percent();
   }
   Variant judge(const Problem& problem, double objective) const {
     double sum = 0;
@@ -311,9 +312,9 @@ Result study(const sim::PhoneOptions& phone, float shutter_told) {
   const auto camera = sim::make_phone_camera(phone, scene);
   const platform::Trajectory truth = camera->ground_truth();
   const sim::Story story = sim::story_of(phone, *scene);
-  app::RunOptions options;
+  platform::RunOptions options;
   options.save_map = true;
-  const app::RunLog log = app::run_sequence(
+  const platform::RunLog log = platform::run_sequence(
       *camera, options, [](const platform::CameraInfo&) {}, nullptr);
   if (log.saved_map.empty()) throw std::runtime_error("no map: " + log.save_trouble);
   CameraModel model = log.camera.model;
@@ -391,10 +392,10 @@ std::vector<double> values_of(const Results& results, const Value& value) {
   return values;
 }
 double median(const Results& results, const Value& value) {
-  return app::percentile(values_of(results, value), 0.5);
+  return platform::percentile(values_of(results, value), 0.5);
 }
 double worst(const Results& results, const Value& value) {
-  return app::percentile(values_of(results, value), 1);
+  return platform::percentile(values_of(results, value), 1);
 }
 int count(const Results& results, const std::function<bool(const Result&)>& is) {
   return static_cast<int>(std::count_if(results.begin(), results.end(), is));
@@ -413,17 +414,18 @@ Value turn(Variant Result::*variant) {
 
 std::vector<std::string> cells(const std::string& name, const Results& results) {
   std::vector<std::string> row = {
-      name, app::format("%d", static_cast<int>(results.size())),
-      app::format("%.0f", median(results, [](const Result& r) { return r.keyframes; })),
-      app::format("%.0f", 100 * median(results, [](const Result& r) { return r.rejected; }))};
+      name, platform::format("%d", static_cast<int>(results.size())),
+      platform::format("%.0f", median(results, [](const Result& r) { return r.keyframes; })),
+      platform::format("%.0f", 100 * median(results, [](const Result& r) { return r.rejected; }))};
   const auto add = [&](const char* form, const Value& value) {
-    row.push_back(app::format(form, median(results, value)) + " (" + app::format(form, worst(results, value)) + ")");
+    row.push_back(platform::format(form, median(results, value)) + " (" +
+                  platform::format(form, worst(results, value)) + ")");
   };
   using Of = Variant Result::*;
   for (const Of of : {&Result::once, &Result::moved, &Result::between, &Result::free}) add("%.2f", gain(of));
   for (const Of of : {&Result::none, &Result::moved, &Result::between, &Result::free}) add("%.3f", error(of));
   for (const Of of : {&Result::moved, &Result::between, &Result::free})
-    row.push_back(app::format("%.4f", median(results, turn(of))));
+    row.push_back(platform::format("%.4f", median(results, turn(of))));
   return row;
 }
 
@@ -443,7 +445,7 @@ bool report(bool met, const std::string& text) {
 
 // The goals over all of these maps.
 bool judge_goals(const std::vector<std::string>& names, const std::map<std::string, Results>& by_name) {
-  using app::format;
+  using platform::format;
   Results all, general;
   bool gained = true, nearer = true;
   for (const std::string& name : names) {
@@ -463,8 +465,8 @@ bool judge_goals(const std::vector<std::string>& names, const std::map<std::stri
   const std::pair<Precision Result::*, const char*> starts[] = {{&Result::snapshot, "as it was"},
                                                                 {&Result::uncorrected, "adjusted without a shutter"}};
   for (const auto& [start, says] : starts) {
-    const Value cost = [start](const Result& r) { return (r.*start).cost; };
-    const Value other = [start](const Result& r) { return (r.*start).error; };
+    const Value cost = [member = start](const Result& r) { return (r.*member).cost; };
+    const Value other = [member = start](const Result& r) { return (r.*member).error; };
     const int right = count(all, [&](const Result& r) { return cost(r) <= kGoalCost && other(r) <= kGoalError; });
     met =
         report(right == maps,
@@ -534,7 +536,7 @@ int main(int argc, char** argv) {
       for (int seed = 1; seed <= seeds; ++seed)
         phones.push_back(phone_for(name, static_cast<uint64_t>(seed), duration_s));
     Results results(phones.size());
-    app::run_jobs(jobs, phones.size(), [&](size_t i) {
+    platform::run_jobs(jobs, phones.size(), [&](size_t i) {
       try {
         results[i] = study(phones[i], shutter_told);
       } catch (const std::exception& problem) {
@@ -559,9 +561,9 @@ int main(int argc, char** argv) {
       }
       if (!group.empty()) rows.push_back(cells(names[n], group));
     }
-    app::print_table({"story", "maps", "keyfr.", "out %", "| once", "moved", "between", "free", "| none %", "moved",
-                      "between", "free", "| moved", "between", "free"},
-                     rows);
+    platform::print_table({"story", "maps", "keyfr.", "out %", "| once", "moved", "between", "free", "| none %",
+                           "moved", "between", "free", "| moved", "between", "free"},
+                          rows);
     std::printf(
         "\nMedian (worst). First: objective, of that without the correction; out: share of the measurements that are "
         "then outliers.\nThen: error of the keyframes, of the path. Last: error of the rate of rotation, "

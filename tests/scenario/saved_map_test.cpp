@@ -9,17 +9,17 @@
 #include <utility>
 #include <vector>
 
-#include "platform/app/evaluation.h"
-#include "platform/app/run.h"
 #include "platform/files.h"
+#include "platform/run/evaluation.h"
+#include "platform/run/run.h"
 #include "tests/support/random.h"
 #include "tests/support/recording.h"
 
 namespace pptam {
 namespace {
 
-using app::RunLog;
-using app::RunOptions;
+using platform::RunLog;
+using platform::RunOptions;
 using test::Phone;
 using test::Recording;
 using test::Replay;
@@ -38,7 +38,7 @@ Recording record(const std::string& scene, uint64_t seed, double duration_s) {
 
 RunLog run(const Recording& recording, const RunOptions& options) {
   Replay camera(recording);
-  return app::run_sequence(
+  return platform::run_sequence(
       camera, options, [](const platform::CameraInfo&) {},
       [](const Frame&, const TrackResult& result, const RunLog&) { EXPECT_TRUE(result.status.ok()); });
 }
@@ -74,7 +74,7 @@ double ate(const platform::Trajectory& trajectory, const platform::Trajectory& c
   for (const platform::StampedPose& pose : trajectory)
     for (const platform::StampedPose& other : common_with)
       if (other.timestamp_ns == pose.timestamp_ns) common.push_back(pose);
-  return app::evaluate(common, truth, "run", "truth").ate_rmse;
+  return platform::evaluate(common, truth, "run", "truth").ate_rmse;
 }
 
 constexpr int kPause = 8 * kFramesPerSecond;  // the first session ends here
@@ -203,7 +203,8 @@ TEST(SavedMap, IsFoundFromAnyKnownView) {
       std::stable_sort(poses.begin(), poses.end(), [](const platform::StampedPose& a, const platform::StampedPose& b) {
         return a.timestamp_ns < b.timestamp_ns;
       });
-      const app::Evaluation evaluation = app::evaluate(poses, desk().truth, "keyframes and the pose found", "truth");
+      const platform::Evaluation evaluation =
+          platform::evaluate(poses, desk().truth, "keyframes and the pose found", "truth");
       EXPECT_EQ(evaluation.wrong_poses, 0) << start;
     }
     EXPECT_GE(found_after, 0) << "from frame " << start;

@@ -5,13 +5,18 @@
 #include <cstdio>
 #include <memory>
 
-#include "platform/app/judgement.h"
-#include "platform/app/run.h"
+#include "platform/run/run.h"
+#include "sim_phone/laboratory/judgement.h"
 #include "sim_phone/phone_camera.h"
 #include "sim_phone/story.h"
 
-namespace pptam::app {
+namespace pptam {
 namespace {
+
+using laboratory::judge;
+using laboratory::Judgement;
+using platform::RunLog;
+using platform::RunOptions;
 
 Judgement stand_still(const sim::PhoneOptions& phone, const std::shared_ptr<const sim::Scene>& scene, bool damped) {
   const auto camera = sim::make_phone_camera(phone, scene);
@@ -50,4 +55,4 @@ TEST(Standstill, IsShownStillAndFollowsAStep) {
 }
 
 }  // namespace
-}  // namespace pptam::app
+}  // namespace pptam

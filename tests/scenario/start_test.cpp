@@ -9,14 +9,14 @@
 #include <string>
 #include <vector>
 
-#include "platform/app/study.h"
+#include "sim_phone/laboratory/start_study.h"
 #include "tests/support/random.h"
 #include "tests/support/recording.h"
 
 namespace pptam {
 namespace {
 
-using app::StudyTrial;
+using laboratory::StudyTrial;
 using test::Phone;
 using test::Recording;
 
@@ -27,8 +27,8 @@ std::vector<StudyTrial> trials(const std::string& kind, int count, float shutter
   std::shared_ptr<const sim::Scene> scene;
   for (int i = 0; i < count; ++i) {
     const uint64_t seed = static_cast<uint64_t>(i) + 1;
-    if (i % 10 == 0) scene = app::study_scene(kind, seed);  // shared by ten successive seeds
-    result.push_back(app::run_study_trial(kind, seed, kFollow_s, scene, shutter_told));
+    if (i % 10 == 0) scene = laboratory::study_scene(kind, seed);  // shared by ten successive seeds
+    result.push_back(laboratory::run_study_trial(kind, seed, kFollow_s, scene, shutter_told));
   }
   return result;
 }
@@ -52,7 +52,7 @@ void expect_good_starts(const std::vector<StudyTrial>& all, int may_fail) {
     EXPECT_FALSE(trial.early) << "a map without a sideways movement";
     EXPECT_FALSE(trial.wrong_plane()) << trial.normal_deg << " degrees off";
     if (trial.initialised && !trial.plane_known) {
-      EXPECT_GE(trial.depth_share, app::kRightDepthShare);
+      EXPECT_GE(trial.depth_share, laboratory::kRightDepthShare);
     }
     EXPECT_LT(trial.worst_minstructions, 6) << "a frame's budget";
     failed += trial.initialised ? 0 : 1;
@@ -75,7 +75,7 @@ TEST(Start, PlanesAreRightAndAWrongShutterIsNoticed) {
 // of these runs' poses were wrong and the second had no map.
 TEST(Start, AnAcceleratingStartIsNotBent) {
   for (const uint64_t seed : {10u, 25u}) {
-    const StudyTrial trial = app::run_study_trial("planar", seed, 5, app::study_scene("planar", seed));
+    const StudyTrial trial = laboratory::run_study_trial("planar", seed, 5, laboratory::study_scene("planar", seed));
     EXPECT_TRUE(trial.initialised) << seed;
     EXPECT_LT(trial.wrong_fraction, 0.05) << seed;
   }

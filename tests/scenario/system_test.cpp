@@ -7,8 +7,8 @@
 #include <functional>
 #include <tuple>
 
-#include "platform/app/evaluation.h"
-#include "platform/app/run.h"
+#include "platform/run/evaluation.h"
+#include "platform/run/run.h"
 #include "tests/support/phone_camera.h"
 #include "tests/support/random.h"
 #include "tests/support/recording.h"
@@ -16,7 +16,7 @@
 namespace pptam {
 namespace {
 
-using app::RunLog;
+using platform::RunLog;
 using test::Phone;
 using test::Recording;
 using test::Replay;
@@ -36,7 +36,7 @@ Recording record(const std::string& scene, const std::string& motion, uint64_t s
 
 RunLog run(const Recording& recording) {
   Replay camera(recording);
-  return app::run_sequence(
+  return platform::run_sequence(
       camera, {}, [](const platform::CameraInfo&) {},
       [](const Frame&, const TrackResult& result, const RunLog&) {
         EXPECT_TRUE(result.status.ok());
@@ -50,7 +50,7 @@ RunLog run(const Recording& recording) {
 void expect_good(const Recording& recording, const RunLog& log) {
   ASSERT_NE(log.first_tracked(), nullptr) << "no map was made";
   EXPECT_LT(log.seconds(log.first_tracked()->timestamp_ns), kMaxStart_s);
-  const app::Evaluation evaluation = app::evaluate(log.trajectory(), recording.truth, "run", "truth");
+  const platform::Evaluation evaluation = platform::evaluate(log.trajectory(), recording.truth, "run", "truth");
   EXPECT_EQ(evaluation.wrong_poses, 0);
   EXPECT_LT(evaluation.ate_rmse, evaluation.extent / 30);
   EXPECT_GT(log.tracked_fraction(), 0.9);
@@ -61,7 +61,7 @@ void expect_good(const Recording& recording, const RunLog& log) {
     pose.T_wc = frozen.front().T_wc;
     for (int i = 0; i < 3; ++i) pose.T_wc.translation()(i) += 1e-3 * random.gaussian();
   }
-  EXPECT_GT(app::evaluate(frozen, recording.truth, "frozen", "truth").ate_rmse, evaluation.extent / 30);
+  EXPECT_GT(platform::evaluate(frozen, recording.truth, "frozen", "truth").ate_rmse, evaluation.extent / 30);
 }
 
 class Explore : public ::testing::TestWithParam<std::tuple<const char*, uint64_t>> {};
@@ -94,7 +94,7 @@ TEST(System, RotationAloneMakesNoMap) {
     EXPECT_EQ(log.first_tracked(), nullptr) << scene;
     EXPECT_TRUE(log.keyframes.empty()) << scene;
     bool told = false;
-    for (const app::FrameLog& frame : log.frames) told = told || frame.hint == Hint::kOnlyRotating;
+    for (const platform::FrameLog& frame : log.frames) told = told || frame.hint == Hint::kOnlyRotating;
     EXPECT_TRUE(told) << scene << ": the user is told";
   }
 }
@@ -105,7 +105,7 @@ TEST(System, HoldingStillMakesNoMap) {
     EXPECT_EQ(log.first_tracked(), nullptr) << scene;
     EXPECT_TRUE(log.keyframes.empty()) << scene;
     bool initialising = false;
-    for (const app::FrameLog& frame : log.frames) initialising |= frame.state == TrackingState::kInitialising;
+    for (const platform::FrameLog& frame : log.frames) initialising |= frame.state == TrackingState::kInitialising;
     EXPECT_TRUE(initialising) << scene << ": it waits for the user to move";
   }
 }

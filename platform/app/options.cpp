@@ -1,0 +1,135 @@
+#include "platform/app/options.h"
+
+#include <cstdio>
+#include <map>
+
+#include "platform/input_error.h"
+
+namespace pptam::app {
+namespace {
+
+using namespace platform;
+
+void parse_size(const std::string& text, int* width, int* height) {
+  int used = 0;
+  if (std::sscanf(text.c_str(), "%dx%d%n", width, height, &used) != 2 || static_cast<size_t>(used) != text.size() ||
+      *width <= 0 || *height <= 0) {
+    throw InputError("--resize " + text + ": write WIDTHxHEIGHT, for example 320x240");
+  }
+}
+
+}  // namespace
+
+// "rows:+:0.03"
+Readout parse_readout(const std::string& text) {
+  const auto refuse = [&]() -> InputError {
+    return InputError("--readout " + text + ": write AXIS:DIRECTION:SECONDS, for example columns:-:0.060");
+  };
+  const size_t first = text.find(':');
+  if (first == std::string::npos || first + 2 >= text.size() || text[first + 2] != ':') throw refuse();
+  const std::string axis = text.substr(0, first);
+  const char direction = text[first + 1];
+  const std::string number = text.substr(first + 3);
+  Readout readout;
+  if (axis == "columns") {
+    readout.axis = RollingShutter::Axis::kColumns;
+  } else if (axis != "rows") {
+    throw refuse();
+  }
+  size_t used = 0;
+  try {
+    readout.seconds = std::stod(number, &used);
+  } catch (const std::exception&) {
+    throw refuse();
+  }
+  if (used != number.size() || !(readout.seconds >= 0 && readout.seconds <= 1) ||
+      (direction != '+' && direction != '-')) {
+    throw refuse();
+  }
+  if (direction == '-') readout.seconds = -readout.seconds;
+  return readout;
+}
+
+void add_tap_option(CLI::App* command, RunOptions* run) {
+  command->add_option("--tap", run->taps_s, "Tap at this time; may be repeated [at the start, and after failures]")
+      ->type_name("SECONDS")
+      ->expected(1)
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
+}
+
+void add_run_options(CLI::App* command, RunOptions* run, OutputOptions* output) {
+  static const std::map<std::string, ClockKind> kClocks = {
+      {"work", ClockKind::kWork}, {"steady", ClockKind::kSteady}, {"throttled", ClockKind::kThrottled}};
+  command->add_option("--out", output->out, "Folder for the results [out/NAME]")->type_name("DIR");
+  command
+      ->add_option_function<std::string>(
+          "--clock",
+          [run](const std::string& name) {
+            const auto found = kClocks.find(name);
+            if (found == kClocks.end()) throw InputError("--clock " + name + ": choose work, steady or throttled");
+            run->clock = found->second;
+          },
+          "work (modelled phone time, repeatable), steady (real time) or throttled (this computer slowed down) [work]")
+      ->type_name("NAME");
+  command->add_option("--slowdown", run->slowdown, "Factor of the throttled clock")
+      ->capture_default_str()
+      ->check(CLI::Range(0.01, 10000.0))
+      ->type_name("FACTOR");
+  command->add_flag_callback(
+      "--no-drop", [run] { run->drop_late = false; }, "Track every frame, however late");
+  add_tap_option(command, run);
+  command->add_flag("--auto-start", run->auto_start,
+                    "No tap: start when the camera is held still, again after failures");
+  command
+      ->add_option("--plane-distance", run->plane_distance,
+                   "Of the first view from the dominant plane, in any unit: sets the map's scale")
+      ->check(CLI::Range(0.001, 1000.0))
+      ->type_name("LENGTH");
+  command->add_option("--max-keyframes", run->max_keyframes, "Config::max_keyframes [35]")->type_name("N");
+  command->add_option("--max-erased-keyframes", run->max_erased_keyframes, "Config::max_erased_keyframes [35]")
+      ->type_name("N");
+  command->add_flag_callback(
+      "--no-damping", [run] { run->steady_damping = false; }, "Show every pose as measured, also of a camera at rest");
+  command->add_option("--load-map", run->load_map, "Begin with a map saved earlier, made with this very camera")
+      ->type_name("FILE");
+  command
+      ->add_option_function<std::string>(
+          "--save-map",
+          [run, output](const std::string& file) {
+            output->save_map = file;
+            run->save_map = true;
+          },
+          "Save the map at the end; an older file is replaced whole or not at all")
+      ->type_name("FILE");
+  command->add_flag("--lock-map", run->lock_map, "Track only: a finished or loaded map is not changed any more");
+  command->add_flag("--no-overlay", output->no_overlay, "No overlay.mp4 and stills");
+  command->add_flag("--no-report", output->no_report, "No report.html");
+}
+
+RecordingOptions RecordingInput::recording() const {
+  RecordingOptions recording = options;
+  recording.source = source;
+  recording.calibration = calibration;
+  if (!resize.empty()) parse_size(resize, &recording.resize_width, &recording.resize_height);
+  return recording;
+}
+
+void add_recording_options(CLI::App* command, RecordingInput* input) {
+  command->add_option("source", input->source, "Folder (TUM, EuRoC, images), pattern such as img_%04d.png, or video")
+      ->required()
+      ->type_name("SOURCE");
+  command->add_option("--calibration", input->calibration, "Camera calibration (YAML)")->type_name("FILE");
+  command->add_option("--fov", input->options.fov_degrees, "Horizontal field of view, when there is no calibration")
+      ->type_name("DEGREES");
+  command->add_option("--resize", input->resize, "Scale the images, after rotation")->type_name("WxH");
+  command->add_option("--every", input->options.every, "Keep one frame of so many")
+      ->capture_default_str()
+      ->type_name("N");
+  command->add_option("--fps", input->options.fps, "Frames per second of images without timestamps [30]")
+      ->type_name("N");
+  command->add_option("--rotate", input->options.rotate_degrees, "Clockwise: 0, 90, 180 or 270")
+      ->capture_default_str()
+      ->type_name("DEGREES");
+}
+
+}  // namespace pptam::app

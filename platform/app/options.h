@@ -1,0 +1,39 @@
+// Options that several commands share, and what their values mean.
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <string>
+
+#include "platform/camera/recorded_camera.h"
+#include "platform/run/run.h"
+
+namespace pptam::app {
+
+// What becomes of a run's results.
+struct OutputOptions {
+  std::string out;
+  std::string save_map;
+  bool no_overlay = false;
+  bool no_report = false;
+};
+void add_run_options(CLI::App* command, platform::RunOptions* run, OutputOptions* output);
+// May be repeated.
+void add_tap_option(CLI::App* command, platform::RunOptions* run);
+
+// A recording as named on the command line.
+struct RecordingInput {
+  platform::RecordingOptions options;
+  std::string source, calibration, resize;
+
+  platform::RecordingOptions recording() const;  // throws InputError on a size that is none
+};
+void add_recording_options(CLI::App* command, RecordingInput* input);
+
+struct Readout {
+  RollingShutter::Axis axis = RollingShutter::Axis::kRows;
+  double seconds = 0;  // signed
+};
+// "rows:+:0.03". Throws InputError.
+Readout parse_readout(const std::string& text);
+
+}  // namespace pptam::app

@@ -1,0 +1,177 @@
+// pocket-ptam readout: finds a recording's rolling shutter by trying: the recording is tracked under many assumptions,
+// and the one under which the tracked frames' points fit best is it. Frames tell more than the finished map's objective
+// (System::map_fit, printed beside): there are many more frames than keyframes.
+
+#include <algorithm>
+#include <cstdio>
+#include <exception>
+#include <memory>
+#include <vector>
+
+#include "platform/app/commands.h"
+#include "platform/app/options.h"
+#include "platform/camera/recorded_camera.h"
+#include "platform/run/console.h"
+#include "platform/run/jobs.h"
+#include "platform/run/names.h"
+#include "platform/run/run.h"
+#include "platform/text.h"
+
+namespace pptam::app {
+namespace {
+
+using namespace platform;
+
+struct ReadoutOptions {
+  RecordingOptions recording;
+  RunOptions run;
+  std::string axes = "both";  // rows, columns or both
+  int jobs = 1;
+};
+
+constexpr int kSteps = 4;              // of the readout in either direction, up to the time between two frames
+constexpr int kRounds = 2;             // of halving the step round the best
+constexpr double kWorthSaying = 0.97;  // of a global shutter's reprojection error
+constexpr double kMinTracked = 0.8;    // of the best trial's tracked share, to count at all
+
+struct Trial {
+  RollingShutter::Axis axis = RollingShutter::Axis::kRows;
+  double seconds = 0;
+  double tracked = 0;
+  MapFit fit;
+  double reprojection_px = 0;  // of all tracked frames, rms
+  std::string trouble;
+};
+
+std::string option_for(const Trial& trial) {
+  return readout_text(trial.axis, trial.seconds);
+}
+
+Trial attempt(const ReadoutOptions& options, RollingShutter::Axis axis, double seconds) {
+  Trial trial;
+  trial.axis = axis;
+  trial.seconds = seconds;
+  platform::RecordingOptions recording = options.recording;
+  recording.readout_axis = axis;
+  recording.readout_s = seconds;
+  try {
+    const std::unique_ptr<platform::Camera> camera = platform::open_recording(recording, nullptr);
+    const RunLog log = run_sequence(
+        *camera, options.run, [](const platform::CameraInfo&) {}, nullptr);
+    trial.trouble = log.broken;
+    if (log.first_tracked() != nullptr)
+      trial.tracked = static_cast<double>(log.trajectory().size()) / static_cast<double>(log.frames.size());
+    trial.fit = log.map_fit;
+    trial.reprojection_px = log.reprojection_px();
+  } catch (const std::exception& error) {
+    trial.trouble = error.what();
+  }
+  return trial;
+}
+
+void run_trials(const ReadoutOptions& options, std::vector<Trial>* trials) {
+  run_jobs(options.jobs, trials->size(), [&](size_t i) {
+    Trial& trial = (*trials)[i];
+    trial = attempt(options, trial.axis, trial.seconds);
+    return "tried " + option_for(trial);
+  });
+}
+
+// Null: no trial counts. A map that lives for a moment may fit anything.
+const Trial* best_of(const std::vector<Trial>& trials) {
+  double tracked = 0;
+  for (const Trial& trial : trials) tracked = std::max(tracked, trial.tracked);
+  const Trial* best = nullptr;
+  for (const Trial& trial : trials) {
+    if (trial.fit.measurements == 0 || trial.tracked < kMinTracked * tracked) continue;
+    if (best == nullptr || trial.reprojection_px < best->reprojection_px) best = &trial;
+  }
+  return best;
+}
+
+// Prints each trial and what to write for --readout. False when too few trials gave a map.
+bool find_readout(const ReadoutOptions& options) {
+  std::vector<std::string> warnings;
+  const double frames_per_s = platform::open_recording(options.recording, &warnings)->info().frames_per_s;
+  for (const std::string& warning : warnings) print_warning(warning);
+  double step_s = (frames_per_s > 0 ? 1 / frames_per_s : 1.0 / 30) / kSteps;
+  std::vector<Trial> trials;
+  for (const RollingShutter::Axis axis : {RollingShutter::Axis::kRows, RollingShutter::Axis::kColumns}) {
+    if (options.axes != "both" && options.axes != name_of(axis)) continue;
+    for (int i = -kSteps; i <= kSteps; ++i) {
+      if (i == 0 && !trials.empty() && axis == RollingShutter::Axis::kColumns)
+        continue;  // a global shutter has no axis
+      Trial& trial = trials.emplace_back();
+      trial.axis = axis;
+      trial.seconds = i * step_s;
+    }
+  }
+  run_trials(options, &trials);
+  for (int round = 0; round < kRounds; ++round) {
+    const Trial* best = best_of(trials);
+    if (best == nullptr) break;
+    step_s *= 0.5;
+    std::vector<Trial> finer(2);
+    finer[0].axis = finer[1].axis = best->axis;
+    finer[0].seconds = best->seconds - step_s;
+    finer[1].seconds = best->seconds + step_s;
+    run_trials(options, &finer);
+    trials.insert(trials.end(), finer.begin(), finer.end());
+  }
+  std::stable_sort(trials.begin(), trials.end(), [](const Trial& a, const Trial& b) {
+    return a.axis != b.axis ? a.axis < b.axis : a.seconds < b.seconds;
+  });
+  std::vector<std::vector<std::string>> cells;
+  for (const Trial& trial : trials) {
+    cells.push_back({option_for(trial), format("%.1f", 100 * trial.tracked),
+                     trial.fit.measurements > 0 ? format("%.5f", trial.fit.cost) : "-",
+                     format("%d", trial.fit.measurements), format("%.3f", trial.reprojection_px)});
+    if (!trial.trouble.empty()) cells.back().push_back(trial.trouble);
+  }
+  print_table({"readout", "tracked %", "objective", "measurements", "frames' px"}, cells);
+  const Trial* best = best_of(trials);
+  if (best == nullptr) {
+    std::printf("\nno trial gave a map: see that the recording starts with pocket-ptam replay (--tap, --fov)\n");
+    return false;
+  }
+  for (const Trial& trial : trials) {
+    if (trial.seconds == 0 && best->reprojection_px > kWorthSaying * trial.reprojection_px) {
+      std::printf("\nno shutter fits clearly better than a global one: move faster, in all directions\n");
+      return true;
+    }
+  }
+  std::printf("\nbest: --readout %s, to about %.1f ms\n", option_for(*best).c_str(), 1000 * step_s);
+  return true;
+}
+
+struct Chosen {
+  RecordingInput input;
+  RunOptions run;
+  std::string axes = "both";
+  int jobs = 1;
+};
+
+}  // namespace
+
+Command add_readout(CLI::App& program) {
+  CLI::App* command =
+      program.add_subcommand("readout", "Find a recording's rolling shutter: the one with which its map fits best");
+  const auto chosen = std::make_shared<Chosen>();
+  add_recording_options(command, &chosen->input);
+  command->add_option("--axis", chosen->axes, "rows, columns, or both of them [both]")
+      ->check(CLI::IsMember({"rows", "columns", "both"}))
+      ->type_name("AXIS");
+  command->add_option("--jobs", chosen->jobs, "Threads")->check(CLI::Range(1, 256))->type_name("N");
+  add_tap_option(command, &chosen->run);
+  command->footer(
+      "The clip should start the map early and show the camera moving quickly now and then, in all directions.\n"
+      "Examples:\n"
+      "  pocket-ptam readout clip.mp4 --fov 60 --resize 320x240\n"
+      "  pocket-ptam readout clip.mp4 --calibration phone.yaml --axis rows");
+  return {command, [chosen] {
+            const ReadoutOptions options = {chosen->input.recording(), chosen->run, chosen->axes, chosen->jobs};
+            return find_readout(options) ? kExitOk : kExitBroken;
+          }};
+}
+
+}  // namespace pptam::app

@@ -1,0 +1,319 @@
+// pocket-ptam sim: the emulated phone, in one run or in the many of the laboratory.
+
+#include <cmath>
+#include <cstdio>
+#include <memory>
+#include <optional>
+
+#include "platform/app/commands.h"
+#include "platform/app/options.h"
+#include "platform/app/single_run.h"
+#include "platform/camera/dump_sequence.h"
+#include "platform/input_error.h"
+#include "platform/run/console.h"
+#include "platform/text.h"
+#include "sim_phone/laboratory/culling_study.h"
+#include "sim_phone/laboratory/endurance.h"
+#include "sim_phone/laboratory/judgement.h"
+#include "sim_phone/laboratory/start_study.h"
+#include "sim_phone/laboratory/suite.h"
+#include "sim_phone/motion.h"
+#include "sim_phone/phone_camera.h"
+#include "sim_phone/story.h"
+
+namespace pptam::app {
+namespace {
+
+using namespace platform;
+
+// What was asked for.
+struct Chosen {
+  std::vector<std::string> stories, scenes;
+  sim::PhoneOptions phone;
+  std::optional<double> duration_s, exposure_s, drop_probability;  // without them a story's own hold
+  std::string readout;
+  bool no_noise = false;
+  std::string dump;
+};
+
+// What was asked of the laboratory.
+struct ChosenStudies {
+  bool suite = false;
+  std::string study;
+  std::vector<std::string> kinds = laboratory::study_kinds();
+  int seeds = 5;
+  int jobs = 1;
+  bool many = false;  // seeds or jobs were given
+  std::string shard;
+  bool compare = false;
+  std::optional<int> endurance_minutes;
+  bool twice = false;
+};
+
+std::string one_of(const std::vector<std::string>& names) {
+  return "One of " + joined(names);
+}
+
+CLI::Option* add_repeatable(CLI::App* command, const std::string& name, std::vector<std::string>* values,
+                            const std::string& says) {
+  return command->add_option(name, *values, says)
+      ->type_name("NAME")
+      ->expected(1)
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
+}
+
+CLI::Option* add_sequence_options(CLI::App* sim, Chosen* chosen) {
+  sim::PhoneOptions& phone = chosen->phone;
+  CLI::Option* story =
+      add_repeatable(sim, "--story", &chosen->stories, "One of the stories below; may be repeated with --suite");
+  add_repeatable(sim, "--scene", &chosen->scenes,
+                 one_of(sim::scene_names()) + "; may be repeated with --suite and --study culling [desk]");
+  std::vector<std::string> motions = sim::motion_names();
+  for (const std::string& name : sim::start_names()) motions.push_back(name);
+  sim->add_option("--motion", phone.motion, one_of(motions))->capture_default_str()->type_name("NAME")->excludes(story);
+  sim->add_option("--seed", phone.seed, "Of the scene's details, the motion and the noise")
+      ->capture_default_str()
+      ->type_name("N");
+  sim->add_option("--scene-seed", phone.scene_seed, "Of the scene's details alone [the seed]")
+      ->type_name("N")
+      ->excludes(story);
+  sim->add_option("--duration", chosen->duration_s, "Length of the sequence [20, or the story's]")
+      ->type_name("SECONDS");
+  sim->add_option("--readout", chosen->readout, "Rolling shutter, rows|columns:+|-:SECONDS [columns:-:0.060]");
+  sim->add_option("--exposure", chosen->exposure_s, "Exposure time [0.03, or the story's]")->type_name("SECONDS");
+  sim->add_option("--fps", phone.frames_per_s, "Frames per second")->capture_default_str()->type_name("N");
+  sim->add_flag("--no-noise", chosen->no_noise, "An ideal sensor");
+  sim->add_option("--drop", chosen->drop_probability, "Probability that the camera drops a frame [0, or the story's]")
+      ->type_name("P");
+  sim->add_option("--dump", chosen->dump, "Only write the sequence, in TUM layout")->type_name("DIR");
+  return story;
+}
+
+void add_laboratory_options(CLI::App* sim, CLI::Option* story, ChosenStudies* chosen) {
+  CLI::Option* suite = sim->add_flag("--suite", chosen->suite,
+                                     "All stories, or those and the scenes named, with several seeds, as a table");
+  CLI::Option* study =
+      sim->add_option(
+             "--study", chosen->study,
+             "init: many short starts of several kinds, as a table and plots; culling: exploring runs with and without "
+             "culling of keyframes, as a table")
+          ->type_name("NAME")
+          ->excludes(suite);
+  add_repeatable(sim, "--kind", &chosen->kinds,
+                 one_of(laboratory::study_kinds()) + "; may be repeated, for --study [all]")
+      ->needs(study);
+  const auto mark = [chosen](const std::string&) { chosen->many = true; };
+  sim->add_option("--seeds", chosen->seeds, "Seeds of each story or kind, for --suite and --study")
+      ->capture_default_str()
+      ->check(CLI::Range(1, 1000))
+      ->each(mark)
+      ->type_name("N");
+  sim->add_option("--jobs", chosen->jobs, "Threads, for --suite and --study")
+      ->capture_default_str()
+      ->check(CLI::Range(1, 256))
+      ->each(mark)
+      ->type_name("N");
+  sim->add_option("--shard", chosen->shard, "Only the I-th of N parts of the suite's runs")
+      ->type_name("I/N")
+      ->needs(suite);
+  sim->add_flag("--compare", chosen->compare,
+                "In the suite, exploring stories also with a global shutter, and with a rolling one that the system is "
+                "not told of")
+      ->needs(suite);
+  CLI::Option* endurance =
+      sim->add_option("--endurance", chosen->endurance_minutes,
+                      "Long life: a lap of a minute through the scene, rendered once, is seen round and round for so "
+                      "many minutes, with cuts and a covered lens; judged by the minute. Exit code 1 when accuracy or "
+                      "cost do not hold")
+          ->type_name("MINUTES")
+          ->excludes(story)
+          ->excludes(suite)
+          ->excludes(study);
+  sim->add_flag("--twice", chosen->twice, "With --endurance: a second run must give the same maps")->needs(endurance);
+}
+
+std::string footer() {
+  std::string text = "Stories:\n";
+  for (const sim::StoryKind& kind : sim::stories()) text += format("  %-16s %s\n", kind.name, kind.says);
+  return text +
+         "Examples:\n"
+         "  pocket-ptam sim --scene boxes --seed 3 --out out/boxes3\n"
+         "  pocket-ptam sim --story shake --seed 2\n"
+         "  pocket-ptam sim --readout rows:+:0.030 --fps 30   another phone's shutter\n"
+         "  pocket-ptam sim --dump /tmp/desk                  a sequence for other programs\n"
+         "  pocket-ptam sim --save-map desk.map\n"
+         "  pocket-ptam sim --load-map desk.map --lock-map --seed 2 --scene-seed 1\n"
+         "  pocket-ptam sim --suite --seeds 5 --jobs 2 --compare\n"
+         "  pocket-ptam sim --suite --story orbit --story zoom --seeds 20\n"
+         "  pocket-ptam sim --study init --seeds 20 --jobs 2\n"
+         "  pocket-ptam sim --study culling --scene desk --scene walls --seeds 50 --jobs 2\n"
+         "  pocket-ptam sim --endurance 60 --scene desk --twice";
+}
+
+// The command once its options are read.
+class SimCommand {
+ public:
+  explicit SimCommand(const std::string& command_line) : command_line_(command_line) {}
+
+  void add_options(CLI::App* sim) {
+    CLI::Option* story = add_sequence_options(sim, &chosen_);
+    add_laboratory_options(sim, story, &studies_);
+    add_run_options(sim, &run_, &output_);
+    sim->footer(footer());
+  }
+
+  int run() {
+    choose_phone();
+    const bool many_runs = studies_.suite || !studies_.study.empty();
+    if ((many_runs || !chosen_.dump.empty()) && (run_.save_map || run_.lock_map || !run_.load_map.empty()))
+      throw InputError("--load-map, --save-map and --lock-map belong to a single run");
+    if (studies_.suite) return run_suite();
+    if (chosen_.stories.size() + chosen_.scenes.size() > 1 && studies_.study != "culling")
+      throw InputError("several --story or --scene belong to --suite");
+    choose_sequence();
+    if (studies_.study == "culling") return run_culling_study();
+    if (studies_.study == "init") return run_start_study();
+    if (!studies_.study.empty()) throw InputError("--study " + studies_.study + ": there are init and culling");
+    if (studies_.many) throw InputError("--seeds and --jobs belong to --suite or --study");
+    if (studies_.endurance_minutes) return run_endurance();
+    return run_once();
+  }
+
+ private:
+  // What is told of the camera, whatever it sees.
+  void choose_phone() {
+    sim::PhoneOptions& phone = chosen_.phone;
+    if (!chosen_.readout.empty()) {
+      const Readout parsed = parse_readout(chosen_.readout);
+      phone.readout_axis = parsed.axis;
+      phone.readout_s = parsed.seconds;
+    }
+    phone.noise = !chosen_.no_noise;
+    adjust(&phone);
+  }
+
+  void adjust(sim::PhoneOptions* phone) const {
+    if (chosen_.duration_s) phone->duration_s = *chosen_.duration_s;
+    if (chosen_.exposure_s) phone->exposure_s = *chosen_.exposure_s;
+    if (chosen_.drop_probability) phone->drop_probability = *chosen_.drop_probability;
+  }
+
+  void adjust_story(sim::PhoneOptions* phone) const {
+    adjust(phone);
+    phone->readout_axis = chosen_.phone.readout_axis;
+    phone->readout_s = chosen_.phone.readout_s;
+    phone->noise = chosen_.phone.noise;
+    phone->frames_per_s = chosen_.phone.frames_per_s;
+  }
+
+  // The scene or the story of all but the suite.
+  void choose_sequence() {
+    sim::PhoneOptions& phone = chosen_.phone;
+    if (!chosen_.scenes.empty()) phone.scene = chosen_.scenes.front();
+    if (!chosen_.stories.empty()) {
+      sim::PhoneOptions told = sim::phone_for_story(chosen_.stories.front(), phone.seed);
+      adjust_story(&told);
+      phone = told;
+    }
+  }
+
+  int run_suite() const {
+    laboratory::SuiteOptions options;
+    options.stories = chosen_.stories;
+    options.scenes = chosen_.scenes;
+    if (options.stories.empty() && options.scenes.empty()) {
+      for (const sim::StoryKind& kind : sim::stories()) options.stories.push_back(kind.name);
+    }
+    options.seeds = studies_.seeds;
+    options.jobs = studies_.jobs;
+    if (!studies_.shard.empty()) options.shard = laboratory::parse_shard(studies_.shard);
+    options.compare = studies_.compare;
+    options.phone = chosen_.phone;
+    options.adjust_story = [this](sim::PhoneOptions* phone) { adjust_story(phone); };
+    options.run = run_;
+    options.out = output_.out.empty() ? "out/suite" : output_.out;
+    options.command = command_line_;
+    options.version = PPTAM_VERSION;
+    if (chosen_.duration_s) options.repeat_options += format(" --duration %g", *chosen_.duration_s);
+    if (chosen_.exposure_s) options.repeat_options += format(" --exposure %g", *chosen_.exposure_s);
+    if (chosen_.drop_probability) options.repeat_options += format(" --drop %g", *chosen_.drop_probability);
+    if (!chosen_.readout.empty()) options.repeat_options += " --readout " + chosen_.readout;
+    if (chosen_.no_noise) options.repeat_options += " --no-noise";
+    return laboratory::run_suite(options) == 0 ? kExitOk : kExitBroken;
+  }
+
+  int run_culling_study() const {
+    laboratory::CullingStudyOptions options;
+    options.scenes = chosen_.scenes;
+    options.seeds = studies_.seeds;
+    options.jobs = studies_.jobs;
+    options.phone = chosen_.phone;
+    if (!chosen_.duration_s) options.phone.duration_s = 60;
+    options.run = run_;
+    return laboratory::run_culling_study(options) ? kExitOk : kExitBroken;
+  }
+
+  int run_start_study() const {
+    laboratory::StudyOptions options;
+    options.kinds = studies_.kinds;
+    options.seeds = studies_.seeds;
+    options.jobs = studies_.jobs;
+    options.out = output_.out.empty() ? "out/study" : output_.out;
+    options.command = command_line_;
+    options.version = PPTAM_VERSION;
+    return laboratory::run_study(options) == 0 ? kExitOk : kExitBroken;
+  }
+
+  int run_endurance() const {
+    laboratory::EnduranceOptions options;
+    options.minutes = *studies_.endurance_minutes;
+    options.phone = chosen_.phone;
+    options.run = run_;
+    options.twice = studies_.twice;
+    return laboratory::run_endurance(options) ? kExitOk : kExitBroken;
+  }
+
+  int run_once() const {
+    const sim::PhoneOptions& phone = chosen_.phone;
+    sim::check_phone_options(phone);
+    const auto scene =
+        std::make_shared<const sim::Scene>(sim::make_scene(phone.scene, phone.scene_seed.value_or(phone.seed)));
+    const std::unique_ptr<platform::Camera> camera = sim::make_phone_camera(phone, scene);
+    if (!chosen_.dump.empty()) return dump(*camera);
+    Knowledge knowledge;
+    knowledge.plane_known = sim::ground_plane_known(phone.scene);
+    knowledge.judge = [&](const RunLog& log, const Trajectory& truth) {
+      const RollingShutter& shutter = log.camera.shutter;
+      const int lines =
+          shutter.axis == RollingShutter::Axis::kColumns ? log.camera.model.width : log.camera.model.height;
+      const float exposed_s = std::abs(shutter.line_time_s) * static_cast<float>(lines) + log.camera.exposure_s;
+      return summarise(laboratory::judge(log, truth, sim::story_of(phone, *scene), static_cast<double>(exposed_s)));
+    };
+    return run_and_write(*camera, run_, output_, knowledge, command_line_);
+  }
+
+  int dump(platform::Camera& camera) const {
+    Progress progress;
+    dump_sequence(camera, chosen_.dump, [&](int done, int total) { progress.show(done, total, "written"); });
+    progress.finish();
+    std::printf("written to %s\n", chosen_.dump.c_str());
+    return kExitOk;
+  }
+
+  std::string command_line_;
+  Chosen chosen_;
+  ChosenStudies studies_;
+  RunOptions run_;
+  OutputOptions output_;
+};
+
+}  // namespace
+
+Command add_sim(CLI::App& program, const std::string& command_line) {
+  CLI::App* sim = program.add_subcommand("sim", "Run on the emulated phone");
+  const auto command = std::make_shared<SimCommand>(command_line);
+  command->add_options(sim);
+  return {sim, [command] { return command->run(); }};
+}
+
+}  // namespace pptam::app

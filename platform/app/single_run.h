@@ -1,0 +1,26 @@
+// One run with all its outputs: what sim and replay do once they have a camera.
+#pragma once
+
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "platform/app/options.h"
+#include "platform/camera.h"
+#include "platform/run/run.h"
+#include "platform/run/summary.h"
+
+namespace pptam::app {
+
+// What is known of the sequence beyond its true trajectory.
+struct Knowledge {
+  bool plane_known = false;  // the truth's z = 0 is the scene's dominant plane
+  // Further rows for the summary; null: none.
+  std::function<std::vector<platform::SummaryRow>(const platform::RunLog&, const platform::Trajectory& truth)> judge;
+};
+
+// Runs, writes the results into the folder of the options, prints the summary. Returns the exit code.
+int run_and_write(platform::Camera& camera, const platform::RunOptions& run_options, const OutputOptions& output,
+                  const Knowledge& knowledge, const std::string& command_line);
+
+}  // namespace pptam::app

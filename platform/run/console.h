@@ -1,0 +1,36 @@
+// What the program says on the terminal: progress and warnings on stderr, results on stdout. Colours only for a person
+// (a terminal, and NO_COLOR is not set).
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "platform/run/summary.h"
+
+namespace pptam::platform {
+
+// One line that is rewritten on a terminal; elsewhere a line at every tenth of the way.
+class Progress {
+ public:
+  Progress();
+  ~Progress() { finish(); }
+  Progress(const Progress&) = delete;
+  Progress& operator=(const Progress&) = delete;
+  // total 0: unknown.
+  void show(int done, int total, const std::string& text);
+  void finish();  // leaves a clean line
+
+ private:
+  bool terminal_;
+  size_t shown_width_ = 0;
+  int last_mark_ = 0;
+};
+
+void print_rows(const std::vector<SummaryRow>& rows);
+// Columns as wide as they need, the first one left-aligned; cells beyond the heads follow as they are, an empty row is
+// a blank line.
+void print_table(const std::vector<std::string>& heads, const std::vector<std::vector<std::string>>& rows);
+void print_warning(const std::string& text);
+void print_error(const std::string& text);  // one line, whatever text holds
+
+}  // namespace pptam::platform

@@ -1,0 +1,299 @@
+#include "platform/run/evaluation.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <numbers>
+#include <random>
+
+#include "platform/input_error.h"
+#include "platform/run/statistics.h"
+#include "scheduler/clock.h"
+
+namespace pptam::platform {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+
+constexpr double kDegrees = 180 / std::numbers::pi;
+constexpr size_t kMinPoses = 3;  // a similarity has 7 unknowns, three positions give 9 equations
+
+// From one pose to a later one; a trajectory's timestamps may lie anywhere.
+int64_t elapsed_ns(const auto& from, const auto& to) {
+  return saturated_difference(to.timestamp_ns, from.timestamp_ns);
+}
+
+int64_t distance_ns(int64_t a, int64_t b) {
+  return saturated_difference(std::max(a, b), std::min(a, b));
+}
+
+double median(std::vector<double> values) {
+  return values.empty() ? 0 : percentile(std::move(values), 0.5);
+}
+
+double median_interval_s(const Trajectory& trajectory) {
+  std::vector<double> intervals;
+  for (size_t i = 1; i < trajectory.size(); ++i) {
+    intervals.push_back(1e-9 * static_cast<double>(elapsed_ns(trajectory[i - 1], trajectory[i])));
+  }
+  return median(intervals);
+}
+
+std::vector<AssociatedPose> associate(const Trajectory& estimate, const Trajectory& truth) {
+  const int64_t max_difference_ns = std::llround(1e9 * std::max(0.02, 0.5 * median_interval_s(truth)));
+  std::vector<AssociatedPose> poses;
+  for (const StampedPose& pose : estimate) {
+    auto after = std::lower_bound(truth.begin(), truth.end(), pose.timestamp_ns,
+                                  [](const StampedPose& a, int64_t t) { return a.timestamp_ns < t; });
+    const StampedPose* nearest = nullptr;
+    if (after != truth.end()) nearest = &*after;
+    if (after != truth.begin()) {
+      const StampedPose& before = *std::prev(after);
+      if (nearest == nullptr || elapsed_ns(before, pose) < elapsed_ns(pose, *nearest)) {
+        nearest = &before;
+      }
+    }
+    if (nearest == nullptr || distance_ns(nearest->timestamp_ns, pose.timestamp_ns) > max_difference_ns) continue;
+    AssociatedPose associated;
+    associated.timestamp_ns = pose.timestamp_ns;
+    associated.T_wc = pose.T_wc;
+    associated.truth_T_wc = nearest->T_wc;
+    poses.push_back(associated);
+  }
+  return poses;
+}
+
+Similarity fit(const std::vector<AssociatedPose>& poses, const std::vector<size_t>& used) {
+  Eigen::Matrix3Xd from(3, static_cast<Eigen::Index>(used.size()));
+  Eigen::Matrix3Xd to(3, from.cols());
+  for (Eigen::Index i = 0; i < from.cols(); ++i) {
+    from.col(i) = poses[used[static_cast<size_t>(i)]].T_wc.translation();
+    to.col(i) = poses[used[static_cast<size_t>(i)]].truth_T_wc.translation();
+  }
+  const Eigen::Matrix4d m = Eigen::umeyama(from, to, true);
+  Similarity similarity;
+  similarity.scale = std::cbrt(m.topLeftCorner<3, 3>().determinant());
+  if (similarity.scale > 0) similarity.R = m.topLeftCorner<3, 3>() / similarity.scale;
+  similarity.t = m.topRightCorner<3, 1>();
+  return similarity;
+}
+
+std::vector<double> position_errors(const std::vector<AssociatedPose>& poses, const Similarity& similarity) {
+  std::vector<double> errors;
+  errors.reserve(poses.size());
+  for (const AssociatedPose& pose : poses) {
+    errors.push_back((similarity * pose.T_wc.translation() - pose.truth_T_wc.translation()).norm());
+  }
+  return errors;
+}
+
+// Poses that lie at least a hundredth of the extent apart along the truth: where the camera stood still counts once, so
+// that a majority of them is a majority of the path.
+std::vector<AssociatedPose> spread_poses(const std::vector<AssociatedPose>& poses, double extent) {
+  std::vector<AssociatedPose> spread;
+  for (const AssociatedPose& pose : poses) {
+    if (spread.empty() ||
+        (pose.truth_T_wc.translation() - spread.back().truth_T_wc.translation()).norm() >= 0.01 * extent) {
+      spread.push_back(pose);
+    }
+  }
+  return spread.size() >= kMinPoses ? spread : poses;
+}
+
+// Least median of squares over triples, then least squares over what lies within 3 sigma of it, until that settles.
+// Holds as long as more than half of the poses are right.
+Similarity fit_robustly(const std::vector<AssociatedPose>& poses, const Similarity& start) {
+  constexpr int kTriples = 300;  // with 40 % of wrong poses one triple in five is clean
+  constexpr int kRefits = 10;
+  Similarity best = start;
+  double best_median = median(position_errors(poses, start));
+  std::mt19937 random(1);  // a fixed seed: equal input, equal answer
+  const auto draw = [&] { return static_cast<size_t>(random() % poses.size()); };
+  for (int i = 0; i < kTriples; ++i) {
+    const size_t a = draw();
+    const size_t b = draw();
+    const size_t c = draw();
+    if (a == b || b == c || a == c) continue;
+    const Similarity candidate = fit(poses, {a, b, c});
+    if (!std::isfinite(candidate.scale) || !candidate.R.allFinite() || !(candidate.scale > 0)) continue;
+    const double error = median(position_errors(poses, candidate));
+    if (error < best_median) {
+      best_median = error;
+      best = candidate;
+    }
+  }
+  for (int i = 0; i < kRefits; ++i) {
+    const std::vector<double> errors = position_errors(poses, best);
+    const double limit = 3 * median(errors) / 1.5382;  // median of the norm of a 3-D Gaussian of sigma 1
+    std::vector<size_t> near;
+    for (size_t k = 0; k < poses.size(); ++k) {
+      if (errors[k] <= limit) near.push_back(k);
+    }
+    if (near.size() < kMinPoses) break;
+    best = fit(poses, near);
+  }
+  return best;
+}
+
+Matrix3d nearest_rotation(const Matrix3d& m) {
+  const Eigen::JacobiSVD<Matrix3d> svd(m, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  Vector3d signs(1, 1, (svd.matrixU() * svd.matrixV().transpose()).determinant() < 0 ? -1 : 1);
+  return svd.matrixU() * signs.asDiagonal() * svd.matrixV().transpose();
+}
+
+double angle_deg(const Matrix3d& R) {
+  return kDegrees * Eigen::AngleAxisd(R).angle();
+}
+
+// The rotation between the worlds, from orientations alone: the one nearest to most, then the mean of those near it.
+Matrix3d robust_world_rotation(const std::vector<AssociatedPose>& poses) {
+  std::vector<Matrix3d> rotations;
+  for (const AssociatedPose& pose : poses) {
+    rotations.push_back(pose.truth_T_wc.linear() * pose.T_wc.linear().transpose());
+  }
+  constexpr size_t kCandidates = 50;  // spread over the trajectory
+  Matrix3d best = rotations.front();
+  double best_median = std::numeric_limits<double>::infinity();
+  const auto errors_of = [&](const Matrix3d& R) {
+    std::vector<double> errors;
+    for (const Matrix3d& other : rotations) errors.push_back(angle_deg(R.transpose() * other));
+    return errors;
+  };
+  for (size_t i = 0; i < kCandidates; ++i) {
+    const Matrix3d& candidate = rotations[i * (rotations.size() - 1) / (kCandidates - 1)];
+    const double error = median(errors_of(candidate));
+    if (error < best_median) {
+      best_median = error;
+      best = candidate;
+    }
+  }
+  const std::vector<double> errors = errors_of(best);
+  Matrix3d sum = Matrix3d::Zero();
+  for (size_t i = 0; i < rotations.size(); ++i) {
+    if (errors[i] <= 3 * best_median) sum += rotations[i];
+  }
+  return sum.isZero() ? best : nearest_rotation(sum);
+}
+
+void measure_relative_motion(double scale, Evaluation* e) {
+  constexpr int64_t kStepNs = 1'000'000'000;
+  std::vector<double> intervals;
+  for (size_t i = 1; i < e->poses.size(); ++i) {
+    intervals.push_back(static_cast<double>(elapsed_ns(e->poses[i - 1], e->poses[i])));
+  }
+  const auto tolerance_ns = static_cast<int64_t>(0.5 * median(intervals));  // beyond it, the pose itself is missing
+  double translation_sq = 0;
+  double rotation_sq = 0;
+  size_t j = 0;
+  for (const AssociatedPose& from : e->poses) {
+    const int64_t target = saturated_sum(from.timestamp_ns, kStepNs);
+    while (j + 1 < e->poses.size() &&
+           distance_ns(e->poses[j + 1].timestamp_ns, target) <= distance_ns(e->poses[j].timestamp_ns, target)) {
+      ++j;
+    }
+    const AssociatedPose& to = e->poses[j];
+    if (distance_ns(to.timestamp_ns, target) > tolerance_ns) continue;
+    const Eigen::Isometry3d truth = from.truth_T_wc.inverse() * to.truth_T_wc;
+    Eigen::Isometry3d estimate = from.T_wc.inverse() * to.T_wc;
+    estimate.translation() *= scale;
+    const Eigen::Isometry3d error = truth.inverse() * estimate;
+    translation_sq += error.translation().squaredNorm();
+    const double angle = angle_deg(error.linear());
+    rotation_sq += angle * angle;
+    ++e->relative_pairs;
+  }
+  if (e->relative_pairs == 0) return;
+  e->relative_translation = std::sqrt(translation_sq / e->relative_pairs);
+  e->relative_rotation_deg = std::sqrt(rotation_sq / e->relative_pairs);
+}
+
+double covered_fraction(const Trajectory& estimate, const Trajectory& truth) {
+  const double span = static_cast<double>(elapsed_ns(truth.front(), truth.back()));
+  if (!(span > 0)) return 0;
+  const double longest = 3e9 * median_interval_s(estimate);
+  double covered = 0;
+  for (size_t i = 1; i < estimate.size(); ++i) {
+    const int64_t from = std::max(estimate[i - 1].timestamp_ns, truth.front().timestamp_ns);
+    const int64_t to = std::min(estimate[i].timestamp_ns, truth.back().timestamp_ns);
+    const double step = static_cast<double>(elapsed_ns(estimate[i - 1], estimate[i]));
+    if (to > from && step <= longest) covered += static_cast<double>(saturated_difference(to, from));
+  }
+  return covered / span;
+}
+
+}  // namespace
+
+Evaluation evaluate(const Trajectory& estimate, const Trajectory& truth, const std::string& estimate_name,
+                    const std::string& truth_name) {
+  if (truth.empty()) throw InputError(truth_name + ": holds no poses, nothing to compare with");
+  if (estimate.empty()) throw InputError(estimate_name + ": holds no poses, nothing to evaluate");
+  Evaluation e;
+  e.estimate_poses = static_cast<int>(estimate.size());
+  e.poses = associate(estimate, truth);
+  if (e.poses.empty()) {
+    throw InputError(estimate_name + ": no pose lies within 0.02 s of one in " + truth_name +
+                     "; the two must count time from the same origin, in seconds");
+  }
+  if (e.poses.size() < kMinPoses) {
+    throw InputError(estimate_name + ": only " + std::to_string(e.poses.size()) + " poses match " + truth_name +
+                     " in time, an alignment needs at least " + std::to_string(kMinPoses));
+  }
+
+  Vector3d low = e.poses.front().truth_T_wc.translation();
+  Vector3d high = low;
+  Vector3d estimate_low = e.poses.front().T_wc.translation();
+  Vector3d estimate_high = estimate_low;
+  for (const AssociatedPose& pose : e.poses) {
+    low = low.cwiseMin(pose.truth_T_wc.translation());
+    high = high.cwiseMax(pose.truth_T_wc.translation());
+    estimate_low = estimate_low.cwiseMin(pose.T_wc.translation());
+    estimate_high = estimate_high.cwiseMax(pose.T_wc.translation());
+  }
+  e.extent = (high - low).norm();
+  constexpr double kNoMotion = 1e-9;
+  if (e.extent < kNoMotion) throw InputError(truth_name + ": the camera does not move while it is tracked, no scale");
+  if ((estimate_high - estimate_low).norm() < kNoMotion) {
+    throw InputError(estimate_name + ": the camera does not move, no scale");
+  }
+  const auto truth_position = [&](size_t i) { return truth[i].T_wc.translation(); };
+  for (size_t i = 1; i < truth.size(); ++i) {
+    // Half a millisecond of slack keeps the ends that were associated with slightly different times.
+    constexpr int64_t kSlackNs = 500'000;
+    if (saturated_sum(truth[i - 1].timestamp_ns, kSlackNs) < e.poses.front().timestamp_ns) continue;
+    if (saturated_difference(truth[i].timestamp_ns, kSlackNs) > e.poses.back().timestamp_ns) break;
+    e.path_length += (truth_position(i) - truth_position(i - 1)).norm();
+  }
+  e.path_length = std::max(e.path_length, e.extent);
+
+  std::vector<size_t> all(e.poses.size());
+  for (size_t i = 0; i < all.size(); ++i) all[i] = i;
+  e.alignment = fit(e.poses, all);
+  const std::vector<double> errors = position_errors(e.poses, e.alignment);
+  double sum_sq = 0;
+  for (size_t i = 0; i < errors.size(); ++i) {
+    e.poses[i].aligned = e.alignment * e.poses[i].T_wc.translation();
+    e.poses[i].position_error = errors[i];
+    sum_sq += errors[i] * errors[i];
+    e.ate_max = std::max(e.ate_max, errors[i]);
+  }
+  e.ate_rmse = std::sqrt(sum_sq / static_cast<double>(errors.size()));
+  e.ate_median = median(errors);
+  e.covered_fraction = covered_fraction(estimate, truth);
+
+  e.robust_alignment = fit_robustly(spread_poses(e.poses, e.extent), e.alignment);
+  const std::vector<double> robust_errors = position_errors(e.poses, e.robust_alignment);
+  const Matrix3d world_rotation = robust_world_rotation(e.poses);
+  for (size_t i = 0; i < e.poses.size(); ++i) {
+    AssociatedPose& pose = e.poses[i];
+    const double rotation_deg = angle_deg(pose.truth_T_wc.linear().transpose() * world_rotation * pose.T_wc.linear());
+    pose.wrong = robust_errors[i] > kWrongExtentFraction * e.extent || rotation_deg > kWrongRotationDeg;
+    if (pose.wrong) ++e.wrong_poses;
+  }
+  e.wrong_fraction = static_cast<double>(e.wrong_poses) / static_cast<double>(e.poses.size());
+  e.vertical_error_deg = kDegrees * std::atan2(world_rotation.col(2).head<2>().norm(), world_rotation(2, 2));
+  measure_relative_motion(e.robust_alignment.scale, &e);
+  return e;
+}
+
+}  // namespace pptam::platform

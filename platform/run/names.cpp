@@ -1,0 +1,143 @@
+#include "platform/run/names.h"
+
+#include <cmath>
+
+#include "platform/text.h"
+
+namespace pptam::platform {
+
+const char* name_of(TrackingState state) {
+  switch (state) {
+    case TrackingState::kWaiting:
+      return "waiting";
+    case TrackingState::kInitialising:
+      return "initialising";
+    case TrackingState::kTracking:
+      return "tracking";
+    case TrackingState::kLost:
+      return "lost";
+  }
+  return "?";
+}
+
+const char* name_of(TrackingQuality quality) {
+  switch (quality) {
+    case TrackingQuality::kBad:
+      return "bad";
+    case TrackingQuality::kPoor:
+      return "poor";
+    case TrackingQuality::kGood:
+      return "good";
+  }
+  return "?";
+}
+
+const char* name_of(Hint hint) {
+  switch (hint) {
+    case Hint::kNone:
+      return "none";
+    case Hint::kTap:
+      return "tap";
+    case Hint::kHoldStill:
+      return "hold_still";
+    case Hint::kMoveSideways:
+      return "move_sideways";
+    case Hint::kOnlyRotating:
+      return "only_rotating";
+    case Hint::kTooLittleTexture:
+      return "too_little_texture";
+    case Hint::kTooFast:
+      return "too_fast";
+    case Hint::kStartLost:
+      return "start_lost";
+    case Hint::kReturnToKnownView:
+      return "return_to_known_view";
+  }
+  return "?";
+}
+
+const char* sentence_for(Hint hint) {
+  switch (hint) {
+    case Hint::kNone:
+      return "";
+    case Hint::kTap:
+      return "tap to start";
+    case Hint::kHoldStill:
+      return "hold still";
+    case Hint::kMoveSideways:
+      return "move sideways";
+    case Hint::kOnlyRotating:
+      return "only turning: move sideways";
+    case Hint::kTooLittleTexture:
+      return "too little texture";
+    case Hint::kTooFast:
+      return "too fast";
+    case Hint::kStartLost:
+      return "first view lost: start again";
+    case Hint::kReturnToKnownView:
+      return "go back to a known view";
+  }
+  return "";
+}
+
+const char* name_of(Stage stage) {
+  switch (stage) {
+    case Stage::kPyramid:
+      return "pyramid";
+    case Stage::kRotation:
+      return "rotation";
+    case Stage::kSearch:
+      return "search";
+    case Stage::kPose:
+      return "pose";
+    case Stage::kPartial:
+      return "partial";
+    case Stage::kInitialise:
+      return "initialise";
+    case Stage::kKeyframe:
+      return "keyframe";
+    case Stage::kCount:
+      break;
+  }
+  return "?";
+}
+
+const char* name_of(ClockKind clock) {
+  switch (clock) {
+    case ClockKind::kWork:
+      return "work";
+    case ClockKind::kSteady:
+      return "steady";
+    case ClockKind::kThrottled:
+      return "throttled";
+  }
+  return "?";
+}
+
+std::string limit_names(uint32_t limits_hit) {
+  constexpr struct {
+    LimitBits bit;
+    const char* name;
+  } kLimits[] = {{kLimitKeyframes, "max_keyframes"},
+                 {kLimitMapPoints, "max_map_points"},
+                 {kLimitPartialPoints, "max_partial_points"},
+                 {kLimitMeasuredPoints, "max_measured_points"},
+                 {kLimitMeasurements, "max_measurements"}};
+  std::string names;
+  for (const auto& limit : kLimits) {
+    if ((limits_hit & limit.bit) == 0) continue;
+    if (!names.empty()) names += '|';
+    names += limit.name;
+  }
+  return names;
+}
+
+const char* name_of(RollingShutter::Axis axis) {
+  return axis == RollingShutter::Axis::kRows ? "rows" : "columns";
+}
+
+std::string readout_text(RollingShutter::Axis axis, double seconds) {
+  return format("%s:%c:%.4f", name_of(axis), seconds < 0 ? '-' : '+', std::abs(seconds));
+}
+
+}  // namespace pptam::platform

@@ -1,0 +1,274 @@
+#include "platform/run/report.h"
+
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+#include <functional>
+#include <iterator>
+
+#include "platform/files.h"
+#include "platform/input_error.h"
+#include "platform/run/html.h"
+#include "platform/run/names.h"
+#include "platform/text.h"
+#include "scheduler/clock.h"
+
+namespace pptam::platform {
+namespace {
+
+using Eigen::Vector3d;
+
+// The range of most values with some margin: a few stray points do not shrink the picture.
+struct Range {
+  double low = 0, high = 1;
+};
+Range range_of(std::vector<double> values, double trim) {
+  if (values.empty()) return {};
+  std::sort(values.begin(), values.end());
+  const auto at = [&](double share) {
+    return values[static_cast<size_t>(share * static_cast<double>(values.size() - 1))];
+  };
+  return {at(trim), at(1 - trim)};
+}
+
+using Axis2 = std::pair<int, int>;  // which world coordinates go right and up
+constexpr Axis2 kFromAbove = {0, 1};
+constexpr Axis2 kFromTheSide = {0, 2};
+
+void append_row(std::string* data, const Vector3d& p, int value) {
+  *data += format("%.6g %.6g %.6g %d\n", p.x(), p.y(), p.z(), value);
+}
+
+std::string plot_map(const RunLog& log) {
+  const Trajectory keyframes = log.keyframe_trajectory();
+  std::vector<double> axis_values[3];
+  std::string points;
+  for (const MapPointInfo& point : log.map_points) {
+    append_row(&points, point.p_w.cast<double>(), point.measurements);
+    for (int i = 0; i < 3; ++i) axis_values[i].push_back(static_cast<double>(point.p_w[i]));
+  }
+  Range ranges[3];
+  for (int i = 0; i < 3; ++i) ranges[i] = range_of(axis_values[i], 0.01);
+  std::string path;
+  bool gap = true;
+  const auto include = [&](const Vector3d& p) {
+    for (int i = 0; i < 3; ++i) ranges[i] = {std::min(ranges[i].low, p[i]), std::max(ranges[i].high, p[i])};
+  };
+  for (const FrameLog& frame : log.frames) {
+    if (!frame.pose_valid) {
+      if (!gap) path += "\n";
+      gap = true;
+      continue;
+    }
+    append_row(&path, frame.T_wc.translation(), 0);
+    gap = false;
+  }
+  double size = 0;
+  for (const StampedPose& keyframe : keyframes) include(keyframe.T_wc.translation());
+  for (int i = 0; i < 3; ++i) size = std::max(size, ranges[i].high - ranges[i].low);
+  std::string cameras;  // x y z, and the optical axis as a stroke
+  for (const StampedPose& keyframe : keyframes) {
+    const Vector3d p = keyframe.T_wc.translation();
+    const Vector3d d = keyframe.T_wc.linear().col(2) * (0.07 * size);
+    cameras += format("%.6g %.6g %.6g %.6g %.6g %.6g\n", p.x(), p.y(), p.z(), d.x(), d.y(), d.z());
+  }
+  std::string script = "$points << EOD\n" + points + "EOD\n$path << EOD\n" + path + "EOD\n$cameras << EOD\n" + cameras +
+                       "EOD\n" +
+                       "set multiplot layout 1,2\nset size ratio -1\nset cblabel 'measurements'\n"
+                       "set palette defined (0 '#c9d3e0', 1 '#4f81bd', 2 '#17375e')\nset cbrange [2:*]\n";
+  for (const Axis2& axes : {kFromAbove, kFromTheSide}) {
+    const auto [h, v] = axes;
+    const double margin = 0.06 * size;
+    script += format("set title '%s'\nset xlabel 'x'\nset ylabel '%c'\nset xrange [%g:%g]\nset yrange [%g:%g]\n",
+                     v == 1 ? "from above" : "from the side", "xyz"[v], ranges[h].low - margin, ranges[h].high + margin,
+                     ranges[v].low - margin, ranges[v].high + margin);
+    script += v == 1 ? "unset colorbox\n" : "set colorbox\n";
+    script += format(
+        "plot $points using %d:%d:4 with points pt 7 ps 0.35 lc palette title 'map points', "
+        "$path using %d:%d with lines lw 1.2 lc rgb '#9aa0a6' title 'path', "
+        "$cameras using %d:%d:%d:%d with vectors nohead lw 1.6 lc rgb '#e06c2c' notitle, "
+        "$cameras using %d:%d with points pt 7 ps 0.55 lc rgb '#e06c2c' title 'keyframes'\nset key off\n",
+        h + 1, v + 1, h + 1, v + 1, h + 1, v + 1, h + 4, v + 4, h + 1, v + 1);
+  }
+  return plot_svg(1120, 520, script + "unset multiplot\n");
+}
+
+std::string plot_times(const RunLog& log) {
+  static constexpr const char* kColours[kStages] = {"#8da0cb", "#66c2a5", "#4f81bd", "#e78ac3",
+                                                    "#ffd92f", "#fc8d62", "#b3b3b3"};
+  std::string data;
+  double highest = 0;
+  for (const FrameLog& frame : log.frames) {
+    data += format("%.4f", log.seconds(frame.timestamp_ns));
+    double sum_ms = 0;
+    for (const int64_t ns : frame.stage_ns) data += format(" %.4f", sum_ms += 1e-6 * static_cast<double>(ns));
+    data += format(" %.4f\n", 1e-6 * static_cast<double>(frame.track_ns));
+    highest = std::max({highest, sum_ms, 1e-6 * static_cast<double>(frame.track_ns)});
+  }
+  const double budget_ms = log.camera.frames_per_s > 0 ? 1000 / log.camera.frames_per_s : 0;
+  const bool near_budget = budget_ms > 0 && highest > 0.4 * budget_ms;
+  const double top = 1.15 * (near_budget ? std::max(highest, budget_ms) : highest);
+  std::string script = "$frames << EOD\n" + data + "EOD\n" +
+                       "set xlabel 'time, s'\nset ylabel 'tracking a frame, ms'\nset key outside right top\n" +
+                       format("set yrange [0:%g]\nset xrange [0:*]\n", top > 0 ? top : 1.0);
+  if (near_budget) {
+    script += format("set arrow from graph 0,first %g to graph 1,first %g nohead dt 2 lc rgb '#aa0000' front\n",
+                     budget_ms, budget_ms);
+  }
+  script += "plot ";
+  for (int s = kStages - 1; s >= 0; --s) {  // cumulative sums, the highest first, each hides the rest below
+    script += format("$frames using 1:%d with filledcurves x1 lc rgb '%s' title '%s', ", s + 2, kColours[s],
+                     name_of(static_cast<Stage>(s)));
+  }
+  return plot_svg(
+      1120, 380,
+      script + format("$frames using 1:%d with lines lw 0.8 lc rgb '#333333' title 'in all'\n", kStages + 2));
+}
+
+std::string plot_tracking(const RunLog& log) {
+  std::string data;
+  std::string keyframes;
+  std::string strips;
+  for (size_t i = 0; i < log.frames.size(); ++i) {
+    const FrameLog& frame = log.frames[i];
+    const double t = log.seconds(frame.timestamp_ns);
+    const auto share = [&](int n) {
+      return frame.points_attempted > 0 ? format("%.4f", static_cast<double>(n) / frame.points_attempted)
+                                        : std::string("NaN");
+    };
+    data += format("%.4f ", t) + share(frame.points_found) + " " + share(frame.points_inliers) + "\n";
+    if (frame.keyframe_added) keyframes += format("%.4f 0\n", t);
+  }
+  const auto colour = [](const FrameLog& frame) {
+    switch (frame.state) {
+      case TrackingState::kWaiting:
+        return "#bbbbbb";
+      case TrackingState::kInitialising:
+        return "#4da3ff";
+      case TrackingState::kLost:
+        return "#e5484d";
+      case TrackingState::kTracking:
+        break;
+    }
+    return frame.quality == TrackingQuality::kGood   ? "#3fb76b"
+           : frame.quality == TrackingQuality::kPoor ? "#f5c542"
+                                                     : "#f08a3c";
+  };
+  for (size_t from = 0; from < log.frames.size();) {  // one rectangle for a stretch of frames of one colour
+    size_t to = from;
+    while (to < log.frames.size() && colour(log.frames[to]) == colour(log.frames[from])) ++to;
+    const double end = log.seconds(log.frames[std::min(to, log.frames.size() - 1)].timestamp_ns);
+    strips += format("set object rect from %.4f,-0.10 to %.4f,-0.02 fc rgb '%s' fs solid noborder\n",
+                     log.seconds(log.frames[from].timestamp_ns), end, colour(log.frames[from]));
+    from = to;
+  }
+  const std::string keys =
+      "keyentry with boxes lc rgb '#4da3ff' title 'initialising', keyentry with boxes lc rgb '#3fb76b' title 'good', "
+      "keyentry with boxes lc rgb '#f5c542' title 'poor', keyentry with boxes lc rgb '#f08a3c' title 'bad', "
+      "keyentry with boxes lc rgb '#e5484d' title 'lost'";
+  return plot_svg(1120, 380,
+                  "$frames << EOD\n" + data + "EOD\n$keyframes << EOD\n" + keyframes +
+                      "EOD\nset xlabel 'time, s'\nset ylabel 'share of the points searched'\nset yrange [-0.13:1.05]\n"
+                      "set xrange [0:*]\nset ytics 0,0.2,1\nset key outside right top\n" +
+                      strips + "plot $frames using 1:2 with lines lw 1.4 lc rgb '#4f81bd' title 'found', " +
+                      "$frames using 1:3 with lines lw 1.4 lc rgb '#17375e' title 'inliers', " +
+                      (keyframes.empty() ? ""
+                                         : "$keyframes using 1:(0.02) with points pt 9 ps 0.7 lc rgb '#e06c2c' "
+                                           "title 'keyframe', ") +
+                      keys + "\n");
+}
+
+std::string read_if_there(const std::filesystem::path& file) {
+  std::ifstream stream(file, std::ios::binary);
+  return {std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
+}
+
+}  // namespace
+
+std::string plot_trajectories(const Evaluation& e, const Trajectory& truth) {
+  std::string truth_rows;
+  for (const StampedPose& pose : truth) append_row(&truth_rows, pose.T_wc.translation(), 0);
+  std::string right;
+  std::string wrong;
+  for (size_t i = 0; i < e.poses.size(); ++i) {
+    const AssociatedPose& pose = e.poses[i];
+    const Vector3d p = e.robust_alignment * pose.T_wc.translation();
+    constexpr int64_t kGapNs = 500'000'000;  // where tracking was lost the line breaks
+    if (i > 0 && saturated_difference(pose.timestamp_ns, e.poses[i - 1].timestamp_ns) > kGapNs) right += "\n";
+    append_row(&right, p, 0);
+    if (pose.wrong) append_row(&wrong, p, 0);
+  }
+  // The picture shows the truth with a margin; wrong poses far away fall outside.
+  Range ranges[3];
+  double size = 0;
+  for (int i = 0; i < 3; ++i) {
+    std::vector<double> values;
+    for (const StampedPose& pose : truth) values.push_back(pose.T_wc.translation()[i]);
+    ranges[i] = range_of(values, 0);
+    size = std::max(size, ranges[i].high - ranges[i].low);
+  }
+  std::string script = "$truth << EOD\n" + truth_rows + "EOD\n$right << EOD\n" + right + "EOD\n$wrong << EOD\n" +
+                       wrong + "EOD\nset multiplot layout 1,2\nset size ratio -1\n";
+  for (const Axis2& axes : {kFromAbove, kFromTheSide}) {
+    const auto [h, v] = axes;
+    const double margin = 0.12 * size;
+    script += format("set title '%s'\nset xlabel 'x'\nset ylabel '%c'\nset xrange [%g:%g]\nset yrange [%g:%g]\n",
+                     v == 1 ? "from above" : "from the side", "xyz"[v], ranges[h].low - margin, ranges[h].high + margin,
+                     ranges[v].low - margin, ranges[v].high + margin);
+    script += format(
+        "plot $truth using %d:%d with lines lw 4 lc rgb '#c3c8cf' title 'truth', "
+        "$right using %d:%d with lines lw 1.5 lc rgb '#2f6fb5' title 'estimate'",
+        h + 1, v + 1, h + 1, v + 1);
+    if (!wrong.empty()) {
+      script += format(", $wrong using %d:%d with points pt 7 ps 0.35 lc rgb '#e5484d' title 'wrong'", h + 1, v + 1);
+    }
+    script += "\nset key off\n";
+  }
+  return plot_svg(1120, 500, script + "unset multiplot\n");
+}
+
+void write_report(const std::filesystem::path& folder, const RunLog& log, const RunSummary& summary,
+                  const Trajectory& truth, std::vector<std::string>* warnings) {
+  std::string page = html_head("Pocket PTAM: " + log.camera.name) + "<h1>" + html_escaped(log.camera.name) + "</h1>\n";
+  page += "<section class=\"side\"><div><table>\n";
+  for (const SummaryRow& row : summarise(log, summary)) {
+    page += "<tr><th>" + html_escaped(row.label) + "</th><td>" + html_escaped(row.value) + "</td></tr>\n";
+  }
+  page += "</table></div>\n";
+  const std::string still = read_if_there(folder / "overlay.png");
+  if (!still.empty()) page += image_tag("image/png", still, "the camera's view with the map's points and a house");
+  page += "</section>\n";
+  if (std::filesystem::exists(folder / "overlay.mp4")) {
+    page += "<section><h2>Video</h2><a href=\"overlay.mp4\">overlay.mp4</a> (beside this file)</section>\n";
+  }
+
+  const auto add_plot = [&](const char* title, const char* note, const std::function<std::string()>& plot) {
+    page += std::string("<section><h2>") + title + "</h2>" + svg_tag(plot(), title) + "<p>" + note + "</p></section>\n";
+  };
+  try {
+    if (summary.evaluation) {
+      add_plot("Trajectory", "After alignment by a similarity that ignores wrong poses, in units of the truth.",
+               [&] { return plot_trajectories(*summary.evaluation, truth); });
+    }
+    if (!log.map_points.empty()) {
+      add_plot("Map", "World units: 0.1 is the distance between the first two keyframes; z = 0 is the dominant plane.",
+               [&] { return plot_map(log); });
+    }
+    if (!log.frames.empty()) {
+      add_plot("Time per frame", "Stages of tracking, stacked; dashed: the time between two frames.",
+               [&] { return plot_times(log); });
+      add_plot("Tracking", "The strip at the bottom shows the state and the quality.",
+               [&] { return plot_tracking(log); });
+    }
+  } catch (const InputError& error) {
+    warnings->push_back(std::string(error.what()) + "; report.html is written without plots");
+  }
+  page += "<section><h2>To repeat this run</h2><code>" + html_escaped(summary.command) + "</code><p>pocket-ptam " +
+          html_escaped(summary.version) +
+          (log.clock == ClockKind::kWork ? ". The work clock makes it repeatable bit for bit."
+                                         : ". Timed by a real clock: a repeated run will differ.") +
+          "</p></section>\n</main></body></html>\n";
+  write_text(folder / "report.html", page);
+}
+
+}  // namespace pptam::platform

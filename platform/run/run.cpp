@@ -1,0 +1,269 @@
+#include "platform/run/run.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <memory>
+#include <optional>
+
+#include "platform/files.h"
+#include "platform/input_error.h"
+#include "platform/run/clocks.h"
+
+namespace pptam::platform {
+namespace {
+
+// A frame with its own copy of the pixels, so that the source can be asked for the next one.
+struct OwnedFrame {
+  Frame frame;
+  std::vector<uint8_t> pixels;
+
+  void copy(const Frame& source) {
+    const size_t bytes = static_cast<size_t>(source.stride_bytes) * static_cast<size_t>(source.height);
+    pixels.assign(source.data, source.data + bytes);  // the first plane: all that is read of planar formats
+    frame = source;
+    frame.data = pixels.data();
+  }
+};
+
+// The frames of a source with one frame of look-ahead: "has the next one arrived already?" needs its timestamp.
+class LookAhead {
+ public:
+  LookAhead(Camera& camera, std::string* broken) : camera_(camera), broken_(broken) {}
+
+  bool advance() {  // false at the end, or when the source broke
+    if (!started_) {
+      fetch();  // errors of the first frame are the caller's: nothing has been done yet
+      started_ = true;
+    }
+    if (!next_valid_) return false;
+    std::swap(current_, next_);
+    try {
+      fetch();
+    } catch (const InputError& error) {
+      next_valid_ = false;
+      *broken_ = error.what();
+    }
+    return true;
+  }
+  const Frame& current() const { return current_.frame; }
+  std::optional<int64_t> next_timestamp_ns() const {
+    if (!next_valid_) return std::nullopt;
+    return next_.frame.timestamp_ns;
+  }
+
+ private:
+  void fetch() {
+    Frame frame;
+    next_valid_ = camera_.read(&frame);
+    if (next_valid_) next_.copy(frame);
+  }
+
+  Camera& camera_;
+  std::string* broken_;
+  OwnedFrame current_, next_;
+  bool started_ = false;
+  bool next_valid_ = false;
+};
+
+Config config_for(const CameraInfo& info) {
+  CameraModel model = info.model;
+  model.prepare();
+  Config config = Config::phone(model);
+  config.camera.shutter = info.shutter;
+  config.exposure_s = info.exposure_s;
+  return config;
+}
+
+constexpr size_t kLargestMapFile = size_t{1} << 30;
+
+std::unique_ptr<Clock> make_clock(const RunOptions& options, const System& system) {
+  switch (options.clock) {
+    case ClockKind::kSteady:
+      return std::make_unique<SteadyClock>();
+    case ClockKind::kThrottled:
+      return std::make_unique<ThrottledClock>(options.slowdown);
+    case ClockKind::kWork:
+      break;
+  }
+  return std::make_unique<WorkClock>(system.work_meter());
+}
+
+FrameLog log_of(const TrackResult& result) {
+  FrameLog log;
+  log.timestamp_ns = result.timestamp_ns;
+  log.state = result.state;
+  log.quality = result.quality;
+  log.hint = result.hint;
+  log.progress = result.progress;
+  log.limits_hit = result.limits_hit;
+  log.pose_valid = result.pose_valid;
+  log.blurred = result.blurred;
+  log.keyframe_added = result.keyframe_added;
+  if (result.pose_valid) {
+    log.T_wc = camera_to_world(result.T_cw);
+    // With T_cw <- exp(mu) T_cw the centre moves by -R^T times mu's translation: the traces are those of mu's blocks.
+    const auto variances = result.covariance.diagonal().cast<double>();
+    log.position_sigma = std::sqrt(std::max(0.0, variances[0] + variances[1] + variances[2]));
+    log.rotation_sigma = std::sqrt(std::max(0.0, variances[3] + variances[4] + variances[5]));
+  }
+  log.points_attempted = result.points_attempted;
+  log.points_found = result.points_found;
+  log.points_inliers = result.points_inliers;
+  log.reprojection_px = result.reprojection_px;
+  log.partial_attempted = result.partial_attempted;
+  log.partial_found = result.partial_found;
+  log.keyframes = result.keyframes;
+  log.erased_keyframes = result.erased_keyframes;
+  log.map_points = result.map_points;
+  std::copy(std::begin(result.stage_ns), std::end(result.stage_ns), std::begin(log.stage_ns));
+  return log;
+}
+
+// Decides when the user taps.
+class Taps {
+ public:
+  // none_at_first: there is a map already.
+  Taps(std::vector<double> taps_s, bool by_itself, bool none_at_first)
+      : taps_s_(std::move(taps_s)), by_itself_(by_itself), none_at_first_(none_at_first) {
+    std::sort(taps_s_.begin(), taps_s_.end());
+  }
+
+  bool due(double seconds, const RunLog& log) {
+    if (taps_s_.empty() && by_itself_) return false;
+    if (taps_s_.empty() && log.frames.empty()) return !none_at_first_;
+    if (taps_s_.empty()) return log.frames.back().state == TrackingState::kWaiting;
+    bool due = false;
+    for (; next_ < taps_s_.size() && taps_s_[next_] <= seconds; ++next_) due = true;
+    return due;
+  }
+
+ private:
+  std::vector<double> taps_s_;
+  bool by_itself_;
+  bool none_at_first_;
+  size_t next_ = 0;
+};
+
+// The system in its memory, and the time that it lives in.
+struct Device {
+  std::vector<std::max_align_t> memory;
+  int64_t bytes = 0;  // asked for
+  System* system = nullptr;
+  std::unique_ptr<Clock> clock;
+};
+
+Device make_device(const CameraInfo& camera, const RunOptions& options) {
+  Config config = config_for(camera);
+  config.auto_start = options.auto_start;
+  config.initial_plane_distance = static_cast<float>(options.plane_distance);
+  config.steady_damping = options.steady_damping;
+  config.max_keyframes = options.max_keyframes.value_or(config.max_keyframes);
+  config.max_erased_keyframes = options.max_erased_keyframes.value_or(config.max_erased_keyframes);
+  const auto require = [&](const Status& status) {
+    if (!status.ok()) throw InputError(camera.name + ": the camera cannot be used: " + status.message());
+  };
+  require(config.validate());
+  Device device;
+  const size_t bytes = System::required_bytes(config);
+  device.bytes = static_cast<int64_t>(bytes);
+  device.memory.resize((bytes + sizeof(std::max_align_t) - 1) / sizeof(std::max_align_t));
+  require(System::create(config, std::as_writable_bytes(std::span(device.memory)), &device.system));
+  device.clock = make_clock(options, *device.system);
+  device.system->set_clock(device.clock.get());
+  device.system->set_locked(options.lock_map);
+  if (!options.load_map.empty()) {
+    const Status status = device.system->load_map(read_map_file(options.load_map));
+    if (!status.ok()) throw InputError(options.load_map + ": " + status.message());
+  }
+  return device;
+}
+
+// What is left at the end.
+void take_map(System& system, const RunOptions& options, RunLog* log) {
+  log->keyframes.resize(static_cast<size_t>(system.keyframes({})));
+  system.keyframes(log->keyframes);
+  log->map_points.resize(static_cast<size_t>(system.map_points({})));
+  system.map_points(log->map_points);
+  log->map_fit = system.map_fit();
+  log->map_parts = system.map_parts(kHoldingPoints);
+  log->map_hash = system.map_hash();
+  if (!options.save_map) return;
+  log->saved_map.resize(system.map_bytes());
+  size_t saved = 0;
+  const Status status = system.save_map(log->saved_map, &saved);
+  log->saved_map.resize(saved);
+  if (!status.ok()) log->save_trouble = status.message();
+}
+
+}  // namespace
+
+RunLog run_sequence(Camera& camera, const RunOptions& options, const StartObserver& on_start,
+                    const FrameObserver& on_frame) {
+  RunLog log;
+  log.camera = camera.info();
+  log.clock = options.clock;
+  const Device device = make_device(log.camera, options);
+  System* const system = device.system;
+  Clock* const clock = device.clock.get();
+  log.memory_bytes = device.bytes;
+
+  LookAhead source(camera, &log.broken);
+  if (!source.advance()) throw InputError(log.camera.name + ": holds no images");
+  on_start(log.camera);
+  Taps taps(options.taps_s, options.auto_start, !options.load_map.empty());
+  const int64_t first_timestamp_ns = source.current().timestamp_ns;
+  const int64_t origin_ns = saturated_difference(clock->now_ns(), first_timestamp_ns);
+  const auto advance = [&](int64_t since_ns) {
+    const bool more = source.advance();
+    clock->forget_since(since_ns);  // reading the source and drawing the overlay
+    return more;
+  };
+  int64_t end_ns = clock->now_ns();
+  do {
+    const int index = log.source_frames++;
+    const Frame& frame = source.current();
+    const int64_t arrival_ns = saturated_sum(origin_ns, frame.timestamp_ns);
+    const auto next_ns = source.next_timestamp_ns();
+    if (options.drop_late && next_ns && clock->now_ns() >= saturated_sum(origin_ns, *next_ns)) {
+      ++log.dropped;
+      end_ns = clock->now_ns();
+      continue;
+    }
+    const int64_t idle_from_ns = clock->now_ns();
+    int slices = 0;
+    for (; clock->now_ns() < arrival_ns && system->has_work(); ++slices) system->work_slice();
+    const int64_t idle_to_ns = clock->now_ns();
+    clock->idle_until(arrival_ns);
+
+    if (taps.due(1e-9 * static_cast<double>(saturated_difference(frame.timestamp_ns, first_timestamp_ns)), log))
+      system->tap();
+    const int64_t start_ns = clock->now_ns();
+    const int64_t start_instructions = system->work_meter().instructions();
+    const TrackResult result = system->track(frame);
+    if (!result.status.ok()) {
+      log.broken = log.camera.name + ": frame " + std::to_string(index) + " was refused: " + result.status.message();
+      break;
+    }
+    FrameLog entry = log_of(result);
+    end_ns = clock->now_ns();
+    entry.index = index;
+    entry.track_ns = end_ns - start_ns;
+    entry.late_ns = saturated_difference(end_ns, arrival_ns);
+    entry.mapping_ns = idle_to_ns - idle_from_ns;
+    entry.idle_slices = slices;
+    entry.instructions = system->work_meter().instructions() - start_instructions;
+    if (options.hash_every > 0 && index % options.hash_every == 0) entry.map_hash = system->map_hash();
+    log.frames.push_back(entry);
+    if (on_frame) on_frame(frame, result, log);
+  } while (advance(end_ns));
+
+  take_map(*system, options, &log);
+  return log;
+}
+
+std::vector<std::byte> read_map_file(const std::filesystem::path& file) {
+  return read_file(file, kLargestMapFile);
+}
+
+}  // namespace pptam::platform

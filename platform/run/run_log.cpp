@@ -1,0 +1,85 @@
+#include "platform/run/run_log.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace pptam::platform {
+
+Eigen::Isometry3d camera_to_world(const SE3& T_cw) {
+  Eigen::Isometry3d T_wc = Eigen::Isometry3d::Identity();
+  T_wc.linear() = T_cw.R.transpose().cast<double>();
+  T_wc.translation() = T_cw.centre().cast<double>();
+  return T_wc;
+}
+
+Trajectory RunLog::trajectory() const {
+  Trajectory trajectory;
+  for (const FrameLog& frame : frames) {
+    if (frame.pose_valid) trajectory.push_back({frame.timestamp_ns, frame.T_wc});
+  }
+  return trajectory;
+}
+
+Trajectory RunLog::keyframe_trajectory() const {
+  Trajectory trajectory;
+  for (const KeyframeInfo& keyframe : keyframes) {
+    trajectory.push_back({keyframe.timestamp_ns, camera_to_world(keyframe.T_cw)});
+  }
+  std::stable_sort(trajectory.begin(), trajectory.end(),
+                   [](const StampedPose& a, const StampedPose& b) { return a.timestamp_ns < b.timestamp_ns; });
+  return trajectory;
+}
+
+const FrameLog* RunLog::first_tracked() const {
+  for (const FrameLog& frame : frames) {
+    if (frame.pose_valid) return &frame;
+  }
+  return nullptr;
+}
+
+double RunLog::seconds(int64_t timestamp_ns) const {
+  return frames.empty() ? 0
+                        : 1e-9 * static_cast<double>(saturated_difference(timestamp_ns, frames.front().timestamp_ns));
+}
+
+double RunLog::reprojection_px() const {
+  double sum = 0;
+  int inliers = 0;
+  for (const FrameLog& frame : frames) {
+    if (!frame.pose_valid) continue;
+    const double error_px = static_cast<double>(frame.reprojection_px);
+    sum += frame.points_inliers * error_px * error_px;
+    inliers += frame.points_inliers;
+  }
+  return inliers > 0 ? std::sqrt(sum / inliers) : 0;
+}
+
+double RunLog::tracked_fraction() const {
+  int after = 0;
+  int tracked = 0;
+  for (const FrameLog& frame : frames) {
+    if (frame.pose_valid) ++tracked;
+    if (tracked > 0) ++after;
+  }
+  return after > 0 ? static_cast<double>(tracked) / after : 0;
+}
+
+CostSummary cost_of(const RunLog& log) {
+  CostSummary cost;
+  int count = 0;
+  for (const FrameLog& frame : log.frames) {
+    if (frame.state != TrackingState::kTracking) continue;
+    const double ms = 1e-6 * static_cast<double>(frame.track_ns);
+    cost.mean_ms += ms;
+    cost.worst_ms = std::max(cost.worst_ms, ms);
+    cost.mean_minstructions += 1e-6 * static_cast<double>(frame.instructions);
+    ++count;
+  }
+  if (count > 0) {
+    cost.mean_ms /= count;
+    cost.mean_minstructions /= count;
+  }
+  return cost;
+}
+
+}  // namespace pptam::platform

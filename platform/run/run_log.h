@@ -1,0 +1,82 @@
+// What happened in a run: a line for each frame, and the map at the end.
+#pragma once
+
+#include <Eigen/Geometry>
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "platform/camera.h"
+#include "platform/run/clocks.h"
+#include "platform/trajectory.h"
+#include "pocket_ptam.h"
+
+namespace pptam::platform {
+
+// One line of frames.csv: all that track() returned for a frame and what the call cost, hence so many members.
+struct FrameLog {
+  int index = 0;  // in the source, counted from 0; gaps are dropped frames
+  int64_t timestamp_ns = 0;
+  TrackingState state = TrackingState::kWaiting;
+  TrackingQuality quality = TrackingQuality::kBad;
+  Hint hint = Hint::kNone;
+  float progress = 0;
+  uint32_t limits_hit = 0;
+  bool pose_valid = false;
+  bool blurred = false;
+  bool keyframe_added = false;
+  Eigen::Isometry3d T_wc = Eigen::Isometry3d::Identity();
+  double position_sigma = 0;  // reported: rms error of the camera centre, world units
+  double rotation_sigma = 0;  // and of the orientation, radians
+  int points_attempted = 0, points_found = 0, points_inliers = 0;
+  float reprojection_px = 0;  // rms of the inliers
+  int partial_attempted = 0, partial_found = 0;
+  int keyframes = 0, erased_keyframes = 0, map_points = 0;
+  int64_t stage_ns[kStages] = {};
+  int64_t track_ns = 0;      // the whole call of track()
+  int64_t late_ns = 0;       // from the frame's arrival to its result
+  int64_t mapping_ns = 0;    // slices given before this frame
+  int idle_slices = 0;       // their number
+  int64_t instructions = 0;  // modelled, of track()
+  uint64_t map_hash = 0;     // of every RunOptions::hash_every-th frame of the source
+};
+
+struct RunLog {
+  CameraInfo camera;
+  ClockKind clock = ClockKind::kWork;
+  std::vector<FrameLog> frames;
+  int dropped = 0;
+  int source_frames = 0;  // read, dropped ones included
+  std::vector<KeyframeInfo> keyframes;
+  std::vector<MapPointInfo> map_points;
+  uint64_t map_hash = 0;
+  MapFit map_fit;
+  int map_parts = 0;  // System::map_parts(kHoldingPoints): 1 for a sound map, 0 without one
+  int64_t memory_bytes = 0;
+  std::vector<std::byte> saved_map;  // if RunOptions ask for it
+  std::string save_trouble;          // why it is empty although they do
+  std::string broken;                // what stopped the source midway; empty: it ran to its end
+
+  Trajectory trajectory() const;               // the frames with a pose, camera-to-world
+  Trajectory keyframe_trajectory() const;      // in the order of time
+  const FrameLog* first_tracked() const;       // null: never initialised
+  double seconds(int64_t timestamp_ns) const;  // since the first frame
+  double reprojection_px() const;              // rms over the inliers of the frames with a pose; 0 without one
+  double tracked_fraction() const;             // of the frames from the first tracked one on; 0 without one
+};
+
+// Parts of a map that share fewer points between keyframes are taken to have come apart: three points give a camera's
+// pose, one more makes it unique.
+constexpr int kHoldingPoints = 4;
+
+// T_wc of a pose as the core gives it.
+Eigen::Isometry3d camera_to_world(const SE3& T_cw);
+
+struct CostSummary {  // of the frames tracked with a map
+  double mean_ms = 0, worst_ms = 0;
+  double mean_minstructions = 0;  // millions
+};
+CostSummary cost_of(const RunLog& log);
+
+}  // namespace pptam::platform

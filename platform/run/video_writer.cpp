@@ -1,0 +1,64 @@
+#include "platform/run/video_writer.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <system_error>
+
+#include "platform/input_error.h"
+#include "scheduler/clock.h"
+
+namespace pptam::platform {
+
+VideoWriter::VideoWriter(const std::filesystem::path& file, int width, int height, double fps,
+                         std::vector<std::string>* warnings)
+    : file_(file), height_(height), fps_(fps), warnings_(warnings) {
+  const std::string size = std::to_string(width) + "x" + std::to_string(height);
+  const char* pixels = std::endian::native == std::endian::little ? "bgra" : "argb";
+  const std::string rate = std::to_string(fps_);
+  const std::string output = "file:" + file_.string();  // a name is never taken for an option or URL
+  std::vector<std::string> command = {"ffmpeg", "-nostdin", "-loglevel", "error", "-y"};
+  for (const char* word :
+       {"-f", "rawvideo", "-pix_fmt", pixels,      "-s",         size.c_str(),  "-r",       rate.c_str(),
+        "-i", "pipe:0",   "-an",      "-c:v",      "libx264",    "-preset",     "veryfast", "-crf",
+        "20", "-pix_fmt", "yuv420p",  "-movflags", "+faststart", output.c_str()}) {
+    command.emplace_back(word);
+  }
+  try {
+    encoder_ = std::make_unique<ChildProcess>(command, ChildProcess::Pipe::kWriteStdin);
+  } catch (const InputError& error) {
+    warnings_->push_back(std::string(error.what()) + "; " + file_.filename().string() + " is not written");
+  }
+}
+
+void VideoWriter::add(const unsigned char* pixels, size_t stride_bytes, int64_t timestamp_ns) {
+  if (!encoder_) return;
+  if (encoded_ == 0) first_ns_ = timestamp_ns;
+  constexpr int64_t kLongestStill = 150;  // pictures; a longer pause in the source is cut short
+  const double elapsed_s = 1e-9 * static_cast<double>(saturated_difference(timestamp_ns, first_ns_));
+  const int64_t due = std::llround(elapsed_s * fps_) + 1 - skipped_;
+  const int64_t missing = std::max<int64_t>(1, due - encoded_);
+  if (missing > kLongestStill) skipped_ += missing - kLongestStill;
+  const size_t bytes = stride_bytes * static_cast<size_t>(height_);
+  if (encoded_ > 0) {
+    for (int64_t i = 1; i < std::min(missing, kLongestStill); ++i, ++encoded_) {
+      if (!encoder_->write(previous_.data(), bytes)) return finish();
+    }
+  }
+  if (!encoder_->write(pixels, bytes)) return finish();
+  ++encoded_;
+  previous_.assign(pixels, pixels + bytes);
+}
+
+void VideoWriter::finish() {
+  if (!encoder_) return;
+  const int code = encoder_->finish();
+  if (code != 0) {
+    std::error_code ignored;
+    std::filesystem::remove(file_, ignored);
+    warnings_->push_back("ffmpeg failed, " + file_.filename().string() + " is not written: " + encoder_->errors());
+  }
+  encoder_.reset();
+}
+
+}  // namespace pptam::platform

@@ -1,0 +1,38 @@
+// Pictures with timestamps into a video file of a constant rate, encoded by the program ffmpeg.
+//
+// The file keeps the pictures' time: where some are missing the one before is repeated.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "platform/child_process.h"
+
+namespace pptam::platform {
+
+class VideoWriter {
+ public:
+  // width and height are even. Without ffmpeg no file is written, and warnings says so; likewise when ffmpeg fails.
+  VideoWriter(const std::filesystem::path& file, int width, int height, double fps, std::vector<std::string>* warnings);
+
+  // Rows of 32-bit pixels as cairo has them; every picture has the same stride, width times 4.
+  void add(const unsigned char* pixels, size_t stride_bytes, int64_t timestamp_ns);
+  void finish();
+
+ private:
+  std::filesystem::path file_;
+  int height_;
+  double fps_;
+  std::vector<std::string>* warnings_;
+  std::unique_ptr<ChildProcess> encoder_;  // null: there is none, or it has ended
+  std::vector<unsigned char> previous_;
+  int64_t first_ns_ = 0;
+  int64_t encoded_ = 0;  // pictures
+  int64_t skipped_ = 0;  // pictures of long pauses that were left out
+};
+
+}  // namespace pptam::platform

@@ -1,0 +1,49 @@
+// Keeps what another camera delivers, so that it can be seen again, with other information if need be.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <utility>
+#include <vector>
+
+#include "platform/camera.h"
+
+namespace pptam::laboratory {
+
+class KeepingCamera : public platform::Camera {
+ public:
+  explicit KeepingCamera(std::unique_ptr<platform::Camera> camera) : camera_(std::move(camera)) {
+    info_ = camera_->info();
+  }
+  const platform::CameraInfo& info() const override { return info_; }
+  platform::Trajectory ground_truth() const override { return camera_->ground_truth(); }
+  bool read(Frame* frame) override {
+    if (next_ == kept_.size()) {
+      if (!camera_->read(frame)) return false;
+      const size_t bytes = static_cast<size_t>(frame->stride_bytes) * static_cast<size_t>(frame->height);
+      kept_.push_back({*frame, {frame->data, frame->data + bytes}});
+    }
+    *frame = kept_[next_].frame;
+    frame->data = kept_[next_].pixels.data();
+    ++next_;
+    return true;
+  }
+  void again() { next_ = 0; }  // from the first frame
+  // Likewise; the shutter told is global from now on.
+  void again_as_global() {
+    again();
+    info_.shutter.line_time_s = 0;
+  }
+
+ private:
+  struct Kept {
+    Frame frame;
+    std::vector<uint8_t> pixels;
+  };
+  std::unique_ptr<platform::Camera> camera_;
+  platform::CameraInfo info_;
+  std::vector<Kept> kept_;
+  size_t next_ = 0;
+};
+
+}  // namespace pptam::laboratory
