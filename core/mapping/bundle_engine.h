@@ -387,8 +387,8 @@ Task<> BundleEngine<Scalar, Projection>::linearise() {
   for (const Camera& camera : cameras_) cost_ += prior_cost(camera, camera.now.velocity);
   for (Point& point : points_) {
     linearise_point(point);
-    meter_.charge(Work::kBundleProjection, point.count);
-    if (velocities_free_) co_await background_.spend(Work::kBundleMotion, point.count);
+    if (velocities_free_) meter_.charge(Work::kBundleMotion, point.count);
+    co_await background_.spend(Work::kBundleProjection, point.count);
   }
   linearised_ = true;
 }
