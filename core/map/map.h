@@ -57,6 +57,7 @@ struct NeighbourFrame {
   FixedVector<KeyframeMeasurement> measurements;
 };
 constexpr int kMaxInitialKeyframes = 8;
+constexpr int kMinInitialPoints = 15;  // fewer make no map
 
 // What a map may hold, for all of its numbers to be usable: a length or speed to the fourth power is still a float.
 constexpr float kLargestInMap = 1e8f;

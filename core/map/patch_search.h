@@ -8,6 +8,10 @@
 
 namespace pptam {
 
+// Nothing is searched whose prediction is nearer to the image's edge, level-0 pixels: half a template and the search
+// circle of L1.
+constexpr float kSearchBorder_px = 12.0f;
+
 // Where the search happens.
 struct SearchOptions {
   int level = 1;        // pyramid level searched: 1, or 2 for blurred frames [phone 4]

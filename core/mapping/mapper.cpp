@@ -18,7 +18,6 @@ constexpr int kMostPosePoints = 250;       // of a keyframe, to find its velocit
 constexpr uint8_t kCornerLevel = 1;        // how precisely a partial point's corner is known
 constexpr int kBundleIterations = 12;
 constexpr int kInitialIterations = 30;
-constexpr int kMinInitialPoints = 15;
 constexpr int kLocatingPoints = 40;                       // of each initial view's pose, before bundle adjustment
 constexpr float kInitialVelocitySigmaTranslation = 0.1f;  // depths/s, of the velocity during an initial view's readout
 constexpr float kInitialVelocitySigmaRotation = 0.15f;    // radians/s
@@ -29,7 +28,6 @@ constexpr float kMaxPromotionError_px = 4.0f;
 constexpr float kMinParallax_rad = 0.015f;
 constexpr float kMaxRelativeDepthSigma = 0.15f;
 constexpr float kMeasurementNoise_px = 0.8f;  // sub-pixel noise and what the rolling shutter's correction leaves
-constexpr float kImageBorder_px = 12.0f;      // half a template and the search circle of L1, level-0 pixels
 constexpr float kMinReliability = 0.3f;
 constexpr int kMinAttempts = 20;
 // Of a point with two measurements: nothing but searches can show that its depth is wrong.
@@ -329,7 +327,7 @@ Task<bool> Mapper::align_to_dominant_plane() {
 bool Mapper::predict_in_keyframe(int keyframe, const Vector3f& p_w, PredictedPoint* predicted) const {
   const Keyframe& k = map_.keyframes()[keyframe];
   return config_.camera.project_rolling(k.T_kw, k.velocity, p_w, predicted) &&
-         config_.camera.in_image(predicted->px, kImageBorder_px);
+         config_.camera.in_image(predicted->px, kSearchBorder_px);
 }
 
 Task<> Mapper::insert_keyframe() {

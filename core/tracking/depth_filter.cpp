@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "tracking/point_selection.h"
-
 namespace pptam {
 
 namespace {
@@ -48,7 +46,7 @@ void DepthFilter::search(int slot, const Pyramid& pyramid, const MotionModel& mo
   PredictedPoint predicted, nearest, farthest;
   const float q = std::clamp(partial.inverse_depth, q_far, q_near);
   if (!project_at(q, &predicted) || !project_at(q_near, &nearest) || !project_at(q_far, &farthest) ||
-      !config_.camera.in_image(predicted.px, kImageBorder_px))
+      !config_.camera.in_image(predicted.px, kSearchBorder_px))
     return;
   // d(px)/dq along the epipolar line, from the ends of the range.
   const Vector2f J = (nearest.px - farthest.px) / std::max(q_near - q_far, 1e-6f * mean_q);

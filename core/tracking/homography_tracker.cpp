@@ -13,8 +13,7 @@ constexpr int kMinInliers = 14;
 constexpr float kResidualDecay = 0.7f;  // of an off-plane point's offset, per frame without a match
 // Of the first view's points, in turns: each costs about 45 thousand ARMv6 instructions of a frame's 6 million.
 constexpr int kSearchesPerFrame = 85;
-constexpr float kImageBorder_px = 12.0f;  // half a template and the search circle of L1, level-0 pixels
-constexpr float kMinDepth = 0.1f;         // homogeneous coordinate of a point that H can still place
+constexpr float kMinDepth = 0.1f;  // homogeneous coordinate of a point that H can still place
 
 // log of a matrix near the identity, second order.
 Matrix3f log_near_identity(const Matrix3f& M) {
@@ -143,7 +142,7 @@ bool HomographyTracker::predict(const TrackedPoint& point, const Matrix3f& H_pre
     const Vector2f moved = apply_homography(Matrix3f::Identity() + dt_s * rate, x);
     *px += J.leftCols<2>() * (moved - x);
   }
-  if (!config_.camera.in_image(*px, kImageBorder_px)) return false;
+  if (!config_.camera.in_image(*px, kSearchBorder_px)) return false;
   *A = J.leftCols<2>() * homography_point_jacobian(H_predicted, point.x_1) * point.J_1.inverse();
   return true;
 }

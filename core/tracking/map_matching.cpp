@@ -101,7 +101,7 @@ void MapMatching::search(const Pyramid& pyramid, const SE3& T_start, const Veloc
     const MapPoint& point = map_.points()[index];
     PredictedPoint predicted;
     if (!config_.camera.project_rolling(T_start, prior.mean, point.p_w, &predicted) ||
-        !config_.camera.in_image(predicted.px, kImageBorder_px))
+        !config_.camera.in_image(predicted.px, kSearchBorder_px))
       continue;
     Attempt attempt;
     attempt.point = index;

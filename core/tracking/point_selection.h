@@ -7,9 +7,6 @@
 
 namespace pptam {
 
-// Points are neither predicted nor searched nearer to the image's edge: half a template and the search circle of L1.
-constexpr float kImageBorder_px = 12.0f;
-
 class PointSelection {
  public:
   PointSelection(Arena& arena, const Config& config, WorkMeter& meter);

@@ -24,9 +24,6 @@ struct Hypothesis {
   bool alive = false;
 };
 
-// A map needs so many points.
-constexpr int kMinInitialPoints = 15;
-
 class StartHypotheses {
  public:
   enum class Outcome : uint8_t { kUndecided, kDecided, kNoneLeft };

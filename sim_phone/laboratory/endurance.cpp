@@ -127,7 +127,7 @@ std::vector<EnduranceMinute> judge_minutes(const RunLog& log, const platform::Tr
     early.push_back({frame.timestamp_ns, frame.T_wc});
     early_truth.push_back(truth[static_cast<size_t>(frame.index)]);
   }
-  const Similarity alignment = evaluate(early, early_truth, "the second minute", "ground truth").alignment;
+  const platform::Similarity alignment = evaluate(early, early_truth, "the second minute", "ground truth").alignment;
 
   std::vector<EnduranceMinute> judged(static_cast<size_t>(minutes));
   std::vector<std::vector<double>> costs(judged.size());
