@@ -8,6 +8,7 @@
 #include <limits>
 #include <vector>
 
+#include "image/pyramid.h"
 #include "tests/support/random.h"
 #include "tests/support/recording.h"
 
