@@ -3,8 +3,8 @@
 #include <stdexcept>
 #include <string>
 
-#include "sim_phone/phone_camera.h"
 #include "camera/full_frame_rotation.h"
+#include "sim_phone/phone_camera.h"
 
 namespace pptam::bench {
 namespace {
@@ -70,9 +70,9 @@ BenchScene::BenchScene() {
     const Vector2f ray = camera.unproject(point.source_px);
     const Vector3f p(ray.x(), ray.y(), 1);
     if (!camera.project(T_cp * p, &point.predicted_px) || !camera.in_image(point.predicted_px, 24)) continue;
-    if (!patch_affinity(camera, p, facing, T_cp, &point.A_t_s)) continue;
+    if (!patch_affinity({camera, {}}, p, facing, T_cp, &point.A_t_s)) continue;
     if (!warp_template(pyramid[0], point.source_px, point.A_t_s, kSearchLevel, &point.patch)) continue;
-    FoundPatch found;
+    ImagePoint found;
     point.found = find_template(pyramid[1], point.patch, point.predicted_px, SearchOptions(), meter, &found) ==
                   SearchOutcome::kFound;
     point.found_px = found.px;

@@ -8,11 +8,11 @@
 #include <optional>
 #include <vector>
 
+#include "camera/full_frame_rotation.h"
 #include "image/grey.h"
 #include "tests/bench/bench_scene.h"
 #include "tests/bench/opencv_bench.h"
 #include "tests/bench/ratio_report.h"
-#include "camera/full_frame_rotation.h"
 
 namespace pptam::bench {
 
@@ -112,7 +112,7 @@ void points(State& state, const BenchScene& scene, bool with_pyramid) {
     const Pyramid current = with_pyramid ? build_pyramid(scene.pyramid[1].level[0], storage) : scene.pyramid[1];
     for (const SearchedPoint& point : scene.points) {
       PatchTemplate patch;
-      FoundPatch found;
+      ImagePoint found;
       if (!warp_template(scene.pyramid[0], point.source_px, point.A_t_s, kSearchLevel, &patch)) continue;
       DoNotOptimize(find_template(current, patch, point.predicted_px, SearchOptions(), meter, &found));
       DoNotOptimize(found);

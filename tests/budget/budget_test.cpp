@@ -124,12 +124,13 @@ std::vector<Counts> start_in_clutter() {
 // Every map point that the last frame's search tried, once more, with its own source, warp and prediction.
 void search_again(const Parts& parts, const Pyramid& pyramid, const TrackResult& result, int* searched, int* found) {
   WorkMeter meter;
+  const PatchFinder finder(parts.map, parts.config.camera, meter);
   for (const ObservedPoint& observed : result.points) {
-    for (const MapPoint& point : parts.map.points) {
+    for (const MapPoint& point : parts.map.points()) {
       if (point.id != observed.point_id) continue;
-      FoundPatch patch;
-      *found += find_point(parts.map, parts.config.camera, point.source, point.p_w, result.T_cw, pyramid,
-                           observed.predicted_px, SearchOptions(), meter, &patch) == SearchOutcome::kFound;
+      ImagePoint at;
+      *found += finder.find(point.source, point.p_w, {observed.predicted_px, result.T_cw}, pyramid, SearchOptions(),
+                            &at) == SearchOutcome::kFound;
       ++*searched;
       break;
     }

@@ -16,6 +16,7 @@
 #include "tests/budget/count_table.h"
 #include "tests/budget/painted_run.h"
 #include "tests/budget/parts.h"
+#include "tests/support/map_building.h"
 #include "tests/support/phone_camera.h"
 #include "tests/support/random.h"
 
@@ -72,27 +73,18 @@ class Culling : public Background {
   Culling(Arena& arena, const Config& config, WorkMeter& meter)
       : Background(arena, 8192, meter), map(arena, config), culler_(arena, config, map, meter, *this) {}
 
-  void fill(const CameraModel& camera) {
+  void fill(const Camera& camera) {
     test::Random random;
-    for (int k = 0; k < 35; ++k) {
-      map.queued = 1;
-      map.queue[0].frame.T_kw = SE3(Matrix3f::Identity(), Vector3f(-0.005f * static_cast<float>(k), 0, 0));
-      map.queue[0].frame.mean_depth = 1;
-      map.add_keyframe(map.queue[0]);
-      map.pop_queue();
-    }
+    for (int k = 0; k < 35; ++k)
+      test::add_keyframe(map, SE3(Matrix3f::Identity(), Vector3f(-0.005f * static_cast<float>(k), 0, 0)));
     for (int i = 0; i < 300; ++i) {
-      MapPoint& point = map.points[map.add_point()];
-      point.p_w = {static_cast<float>(random.uniform(-0.1, 0.1)), static_cast<float>(random.uniform(-0.15, 0.15)),
-                   static_cast<float>(random.uniform(0.9, 1.1))};
-      for (int k = 0; k < 8; ++k) {
-        Measurement m;
-        m.keyframe = static_cast<int16_t>(random.integer(0, 3) + 4 * k);
-        m.sigma = 2;
-        ASSERT_TRUE(camera.project(map.keyframes[m.keyframe].T_kw * point.p_w, &m.px));
-        point.measurements.push_back(m);
-      }
-      point.source.keyframe = point.measurements[0].keyframe;
+      const Vector3f p_w = {static_cast<float>(random.uniform(-0.1, 0.1)),
+                            static_cast<float>(random.uniform(-0.15, 0.15)),
+                            static_cast<float>(random.uniform(0.9, 1.1))};
+      const int point = map.add_point(p_w, {});
+      for (int k = 0; k < 8; ++k)
+        map.add_measurement(point, test::measure_exactly(map, camera, random.integer(0, 3) + 4 * k, p_w));
+      MapAccess::point(map, point).source.keyframe = map.measurements(map.points()[point])[0].keyframe;
     }
   }
   std::vector<Spent> decide() {
@@ -118,7 +110,7 @@ class Culling : public Background {
 
 void count_culling(test::Table* table) {
   Config config = Config::phone(test::phone_camera());
-  config.camera.prepare();
+  config.camera.model.prepare();
   Arena measure;
   WorkMeter meter;
   { const Culling nothing(measure, config, meter); }
@@ -220,10 +212,10 @@ void count_insertions(test::Table* table) {
   for (int i = 0; i < kFrames; ++i) {
     parts.tracker->track(run.frame(i), nullptr);
     while (parts.mapper->has_work()) {
-      const bool inserts = parts.map.ready && parts.map.queued > 0 && parts.map.live_count() <= kKeyframes;
+      const bool inserts = parts.map.ready() && parts.map.queue().waiting() > 0 && parts.map.live_count() <= kKeyframes;
       Spent spent = spend(parts.meter, [&] { parts.mapper->work_slice(); });
       if (!inserts) continue;
-      ASSERT_EQ(parts.map.queued, 0);
+      ASSERT_EQ(parts.map.queue().waiting(), 0);
       // The corners come last. From the first one's slice on the slices are as short as can be, so that the first that
       // seeks none, bundle adjustment's, is told apart.
       Insertion insertion;

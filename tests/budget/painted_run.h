@@ -45,7 +45,7 @@ class PaintedRun {
 
   Config config() const {
     Config config = Config::phone(camera_);
-    config.shutter = shutter_;
+    config.camera.shutter = shutter_;
     return config;
   }
 

@@ -18,7 +18,7 @@ struct Parts {
       : config(configuration),
         meter(config.profile),
         memory(System::required_bytes(config) / sizeof(std::max_align_t) + 1) {
-    config.camera.prepare();
+    config.camera.model.prepare();
     Arena arena(std::as_writable_bytes(std::span(memory)));
     map = Map(arena, config);
     tracker = std::make_unique<Tracker>(arena, config, map, meter);

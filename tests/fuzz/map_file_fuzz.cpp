@@ -59,7 +59,7 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   size_t used = 0;
   require(system.save_map(target.saved, &used).ok() && target.saved == file, "a map was not loaded for what it says");
   for (int i = 0; i < 2; ++i) {
-    const GreyView image = target.original.map.keyframes[i].pyramid.level[0];
+    const GreyView image = target.original.map.keyframes()[i].pyramid.level[0];
     target.now_ns += 66666667;
     const TrackResult result =
         system.track({image.data, image.width, image.height, image.stride, PixelFormat::kGrey, target.now_ns});

@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <bit>
 #include <cmath>
 #include <cstring>
@@ -26,7 +27,7 @@ using test::SmallMap;
 using Bytes = std::vector<std::byte>;
 
 // Offsets as the header of map_file.h has them; images are 97x81.
-constexpr size_t kHeader = 112, kImage = 97 * 81, kKeyframe = 120 + kImage;
+constexpr size_t kHeader = 120, kImage = 97 * 81, kKeyframe = 120 + kImage;
 constexpr size_t kErased = kHeader + 3 * kKeyframe, kAnchor = 52;
 constexpr size_t kFirstPoint = kErased + kKeyframe + kAnchor;
 
@@ -94,11 +95,11 @@ TEST(MapFile, LoadedIsWhatWasSaved) {
     read_map_file(file, other.config, other.map);
     EXPECT_EQ(other.map.hash(), original.map.hash());
     EXPECT_EQ(other.file(), file);
-    EXPECT_TRUE(other.map.ready);
-    EXPECT_EQ(other.map.next_id, original.map.next_id);
-    ASSERT_EQ(other.map.keyframes.size(), original.map.keyframes.size());
-    for (int k = 0; k < other.map.keyframes.size(); ++k) {
-      const Keyframe &a = original.map.keyframes[k], &b = other.map.keyframes[k];
+    EXPECT_TRUE(other.map.ready());
+    EXPECT_EQ(MapAccess::next_id(other.map), MapAccess::next_id(original.map));
+    ASSERT_EQ(other.map.keyframes().size(), original.map.keyframes().size());
+    for (int k = 0; k < other.map.keyframes().size(); ++k) {
+      const Keyframe &a = original.map.keyframes()[k], &b = other.map.keyframes()[k];
       EXPECT_EQ(a.id, b.id);
       if (a.id == 0) continue;
       EXPECT_EQ(a.erased, b.erased);
@@ -112,10 +113,10 @@ TEST(MapFile, LoadedIsWhatWasSaved) {
       for (int y = 0; y < a.small.height; ++y)
         EXPECT_EQ(std::memcmp(a.small.row(y), b.small.row(y), static_cast<size_t>(a.small.width)), 0);
     }
-    for (int i = 0; i < original.map.points.size(); ++i)
-      EXPECT_EQ(other.map.points[i].id, original.map.points[i].id) << "slots stay, slot " << i;
-    for (int i = 0; i < original.map.partial_points.size(); ++i) {
-      const PartialPoint &a = original.map.partial_points[i], &b = other.map.partial_points[i];
+    for (int i = 0; i < original.map.points().size(); ++i)
+      EXPECT_EQ(other.map.points()[i].id, original.map.points()[i].id) << "slots stay, slot " << i;
+    for (int i = 0; i < original.map.partial_points().size(); ++i) {
+      const PartialPoint &a = original.map.partial_points()[i], &b = other.map.partial_points()[i];
       EXPECT_EQ(b.id, a.id);
       EXPECT_TRUE(a.id == 0 || b.ray == a.ray);
     }
@@ -134,9 +135,9 @@ TEST(MapFile, LoadedIsWhatWasSaved) {
 // One number on every target. A change of the format changes it, and needs another version.
 TEST(MapFile, BytesAreTheSameOnEveryTarget) {
   const Bytes file = SmallMap(1).file();
-  EXPECT_EQ(file.size(), 38184u);
+  EXPECT_EQ(file.size(), 38192u);
   const auto checksum = [](const Bytes& bytes) { return get_u32(bytes, bytes.size() - 4); };
-  EXPECT_EQ(checksum(file), 0x402D8F5Bu);
+  EXPECT_EQ(checksum(file), 0x8061CB05u);
   EXPECT_NE(checksum(SmallMap(2).file()), checksum(file));
 }
 
@@ -144,24 +145,35 @@ TEST(MapFile, LayoutIsAsWritten) {
   const SmallMap original(1);
   const Bytes file = original.file();
   EXPECT_EQ(std::memcmp(file.data(), "PPTAMMAP", 8), 0);
-  EXPECT_EQ(get_u32(file, 8), 1u);
+  EXPECT_EQ(get_u32(file, 8), 2u);
   EXPECT_EQ(get_u32(file, 16), file.size());
   EXPECT_EQ(get_u32(file, 24), 97u);
   EXPECT_EQ(get_u32(file, 28), 81u);
-  EXPECT_EQ(get_u32(file, 80), original.map.next_id);
-  EXPECT_EQ(get_u32(file, kHeader + 4), original.map.keyframes[0].id);
-  EXPECT_EQ(file[kHeader + 120 + 5], static_cast<std::byte>(original.map.keyframes[0].pyramid.level[0].at(5, 0)));
+  EXPECT_EQ(get_u32(file, 80), MapAccess::next_id(original.map));
+  EXPECT_EQ(get_u32(file, kHeader + 4), original.map.keyframes()[0].id);
+  EXPECT_EQ(file[kHeader + 120 + 5], static_cast<std::byte>(original.map.keyframes()[0].pyramid.level[0].at(5, 0)));
   EXPECT_EQ(get_u32(file, kFirstPoint), 1u) << "slot 0 is empty";
-  EXPECT_EQ(get_u32(file, kFirstPoint + 4), original.map.points[1].id);
+  EXPECT_EQ(get_u32(file, kFirstPoint + 4), original.map.points()[1].id);
   size_t expected = kFirstPoint + 4;
-  for (const MapPoint& point : original.map.points)
-    if (point.id != 0) expected += 52 + 20 * static_cast<size_t>(point.measurements.size());
-  for (const PartialPoint& partial : original.map.partial_points) expected += partial.id != 0 ? 44 : 0;
+  uint32_t measurements = 0, most_of_a_point = 0;
+  for (const MapPoint& point : original.map.points()) {
+    if (point.id == 0) continue;
+    const auto count = static_cast<uint32_t>(point.measurements.size());
+    expected += 52 + 20 * size_t{count};
+    measurements += count;
+    most_of_a_point = std::max(most_of_a_point, count);
+  }
+  EXPECT_EQ(get_u32(file, 112), measurements);
+  EXPECT_EQ(get_u32(file, 116), most_of_a_point);
+  const Measurement& first = original.map.measurements(original.map.points()[1])[0];
+  EXPECT_EQ(get_u32(file, kFirstPoint + 52 + 12), uint32_t{first.at.level});
+  EXPECT_NE(first.at.level, 0) << "or nothing was compared";
+  for (const PartialPoint& partial : original.map.partial_points()) expected += partial.id != 0 ? 44 : 0;
   EXPECT_EQ(file.size(), expected);
 
   MapInfo info;
   ASSERT_TRUE(read_map_info(file, &info).ok());
-  EXPECT_EQ(info.version, 1);
+  EXPECT_EQ(info.version, 2);
   EXPECT_EQ(info.keyframes, 3);
   EXPECT_EQ(info.erased_keyframes, 1);
   EXPECT_EQ(info.min_erased_keyframes, 2) << "slots 3 and 4";
@@ -169,6 +181,10 @@ TEST(MapFile, LayoutIsAsWritten) {
   EXPECT_EQ(info.min_map_points, 59);
   EXPECT_EQ(info.partial_points, 9);
   EXPECT_EQ(info.min_partial_points, 10);
+  EXPECT_EQ(info.min_measurements, static_cast<int>(measurements));
+  EXPECT_EQ(info.min_measurements_per_point, 3);
+  EXPECT_EQ(info.camera.model.width, 97);
+  EXPECT_EQ(info.camera.shutter.line_time_s, original.config.camera.shutter.line_time_s);
 }
 
 // Everything that can be wrong in a file, with what the message must say. The untouched file is accepted, so that each
@@ -197,7 +213,8 @@ TEST(MapFile, EveryFaultIsNamed) {
       {"longer", [](Bytes* file) { file->push_back(std::byte{0}); }, false},
       {"checksum", [](Bytes* file) { (*file)[5000] ^= std::byte{4}; }, false},
       {"checksum", [](Bytes* file) { file->back() ^= std::byte{128}; }, false},
-      {"version", u32(8, 2)},
+      {"version", u32(8, 1)},
+      {"version", u32(8, 3)},
       {"version", u32(8, 0)},
       {"flags", u32(12, 1)},
       {"counts", u32(88, 0)},           // keyframes
@@ -206,6 +223,12 @@ TEST(MapFile, EveryFaultIsNamed) {
       {"counts", u32(96, 0x40000000)},  // points
       {"counts", u32(92, 0xffffffff)},
       {"counts", u32(104, 11)},
+      {"counts", u32(112, 0xffffffff)},  // measurements
+      {"counts", u32(112, get_u32(good, 112) + 1)},
+      {"counts", u32(112, get_u32(good, 112) - 1)},
+      {"than any configuration allows", u32(116, 34)},  // the most of one point
+      {"or more than the header says", u32(116, 2)},
+      {"counts do not fit its measurements", u32(116, 4)},
       {"camera is nonsense", u32(24, 0x80000061)},
       {"camera is nonsense", u32(48, 9)},
       {"camera is nonsense", u32(72, 2)},
@@ -220,7 +243,7 @@ TEST(MapFile, EveryFaultIsNamed) {
       {"slots", u32(kHeader + 2 * kKeyframe, 4)},
       {"slots", u32(92, 60)},  // one more than used
       {"impossible id", u32(kHeader + 4, 0)},
-      {"impossible id", u32(80, original.map.keyframes[1].id)},  // next_id
+      {"impossible id", u32(80, original.map.keyframes()[1].id)},  // next_id
       {"keyframe of the map has flags", u32(kHeader + 8, 2)},
       {"rotation", f32(kHeader + 20, nan)},
       {"rotation", f32(kHeader + 20, 1.01f)},
@@ -255,7 +278,7 @@ TEST(MapFile, EveryFaultIsNamed) {
       {"unit length", f32(point + 32, nan)},
       {"found more often", u16(point + 46, 0xffff)},
       {"less than two", u32(point + 48, 1)},
-      {"less than two", u32(point + 48, 10)},
+      {"or more than the header says", u32(point + 48, 4)},
       {"less than two", u32(point + 48, 0xffffffff)},
       {"measured in a keyframe that is not there", u32(measurement, 3)},
       {"measured in a keyframe that is not there", u32(measurement, 4)},  // erased
@@ -264,9 +287,9 @@ TEST(MapFile, EveryFaultIsNamed) {
       {"measured in a keyframe that is not there", u32(measurement, 0x10000)},
       {"measured outside", f32(measurement + 4, 97)},
       {"measured outside", f32(measurement + 8, nan)},
-      {"sigma", f32(measurement + 12, 0)},
-      {"sigma", f32(measurement + 12, nan)},
-      {"sigma", f32(measurement + 12, 32)},
+      {"pyramid level", u32(measurement + 12, 5)},
+      {"pyramid level", u32(measurement + 12, 0x100)},
+      {"pyramid level", u32(measurement + 12, 0xffffffff)},
       {"twice", [&](Bytes* file) { put_u32(file, measurement + 20, get_u32(*file, measurement)); }},
       {"comes from a keyframe that is not there", u32(partial + 8, 7)},
       {"comes from outside", f32(partial + 12, inf)},
@@ -297,8 +320,8 @@ TEST(MapFile, EveryFaultIsNamed) {
     EXPECT_EQ(phone.saved(), before) << index << ": " << fault.says;
   }
   SmallMap without_datum(1);
-  without_datum.map.keyframes[0].erased = true;
-  without_datum.map.keyframes[0].anchor = 1;
+  MapAccess::keyframe(without_datum.map, 0).erased = true;
+  MapAccess::keyframe(without_datum.map, 0).anchor = 1;
   EXPECT_NE(std::string(phone->load_map(without_datum.file()).message()).find("datum"), std::string::npos);
   const Status status = phone->load_map(good);
   EXPECT_TRUE(status.ok()) << status.message();
@@ -311,16 +334,17 @@ TEST(MapFile, AnotherConfigIsNamedFieldByField) {
     const char* says;
     std::function<void(Config*)> change;
   } kCases[] = {
-      {"size than Config::camera", [](Config* c) { c->camera.width = 98; }},
-      {"another camera", [](Config* c) { c->camera.fx += 1e-4f; }},
-      {"another camera", [](Config* c) { c->camera.cy += 1; }},
+      {"size than Config::camera", [](Config* c) { c->camera.model.width = 98; }},
+      {"another camera", [](Config* c) { c->camera.model.fx += 1e-4f; }},
+      {"another camera", [](Config* c) { c->camera.model.cy += 1; }},
       {"another camera",
        [](Config* c) {
-         c->camera.distortion = Distortion::kRadTan;
-         c->camera.coeffs[0] = 0.01f;
+         c->camera.model.distortion = Distortion::kRadTan;
+         c->camera.model.coeffs[0] = 0.01f;
        }},
-      {"Config::shutter", [](Config* c) { c->shutter.line_time_s = 0; }},
-      {"Config::shutter", [](Config* c) { c->shutter.axis = RollingShutter::Axis::kRows; }},
+      {"another rolling shutter than Config::camera", [](Config* c) { c->camera.shutter.line_time_s = 0; }},
+      {"another rolling shutter than Config::camera",
+       [](Config* c) { c->camera.shutter.axis = RollingShutter::Axis::kRows; }},
       {"Config::max_partial_points", [](Config* c) { c->max_partial_points = 9; }},
   };
   for (const auto& bad : kCases) {
@@ -341,6 +365,19 @@ TEST(MapFile, AnotherConfigIsNamedFieldByField) {
     const Status status = check_map_file(file, config);
     EXPECT_NE(std::string(status.message()).find(says), std::string::npos) << status.message();
     ++(keyframes ? config.max_keyframes : config.max_map_points);
+    EXPECT_TRUE(check_map_file(file, config).ok()) << says;
+  }
+  MapInfo info;
+  ASSERT_TRUE(read_map_info(file, &info).ok());
+  for (const bool all : {true, false}) {
+    Config config = small_map_config();
+    // One more of a point is let in, for culling to judge.
+    (all ? config.max_measurements : config.max_measurements_per_point) =
+        (all ? info.min_measurements : info.min_measurements_per_point - 1) - 1;
+    const std::string says = all ? "Config::max_measurements:" : "Config::max_measurements_per_point:";
+    const Status status = check_map_file(file, config);
+    EXPECT_NE(std::string(status.message()).find(says), std::string::npos) << status.message();
+    ++(all ? config.max_measurements : config.max_measurements_per_point);
     EXPECT_TRUE(check_map_file(file, config).ok()) << says;
   }
   Config few = small_map_config();
@@ -469,7 +506,7 @@ TEST(MapFile, MutatedFilesAreRefusedOrLoadedForWhatTheySay) {
       hash = phone->map_hash();
       // Frames at the places of the keyframes and elsewhere; mapping besides.
       for (int i = 0; i < 3; ++i) {
-        const GreyView image = original.map.keyframes[(trial + i) % 3].pyramid.level[0];
+        const GreyView image = original.map.keyframes()[(trial + i) % 3].pyramid.level[0];
         now_ns += 66666667;
         const TrackResult result =
             phone->track({image.data, image.width, image.height, image.stride, PixelFormat::kGrey, now_ns});

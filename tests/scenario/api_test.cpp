@@ -8,6 +8,7 @@
 #include <limits>
 #include <vector>
 
+#include "image/pyramid.h"
 #include "tests/support/random.h"
 #include "tests/support/recording.h"
 
@@ -112,28 +113,28 @@ TEST(Api, AbsurdConfigurationsAreRefused) {
   const Config good = test::config_for(recording());
   ASSERT_TRUE(good.validate().ok());
   const std::vector<std::function<void(Config&)>> changes = {
-      [](Config& c) { c.camera.width = 0; },
-      [](Config& c) { c.camera.width = -240; },
-      [](Config& c) { c.camera.width = 63; },
-      [](Config& c) { c.camera.height = 4097; },
-      [](Config& c) { c.camera.height = std::numeric_limits<int>::max(); },
-      [](Config& c) { c.camera.fx = 0; },
-      [](Config& c) { c.camera.fy = -300; },
-      [](Config& c) { c.camera.fx = kNan; },
-      [](Config& c) { c.camera.cx = kInfinity; },
-      [](Config& c) { c.camera.cy = -5; },
-      [](Config& c) { c.camera.distortion = static_cast<Distortion>(99); },
+      [](Config& c) { c.camera.model.width = 0; },
+      [](Config& c) { c.camera.model.width = -240; },
+      [](Config& c) { c.camera.model.width = 63; },
+      [](Config& c) { c.camera.model.height = 4097; },
+      [](Config& c) { c.camera.model.height = std::numeric_limits<int>::max(); },
+      [](Config& c) { c.camera.model.fx = 0; },
+      [](Config& c) { c.camera.model.fy = -300; },
+      [](Config& c) { c.camera.model.fx = kNan; },
+      [](Config& c) { c.camera.model.cx = kInfinity; },
+      [](Config& c) { c.camera.model.cy = -5; },
+      [](Config& c) { c.camera.model.distortion = static_cast<Distortion>(99); },
       [](Config& c) {
-        c.camera.distortion = Distortion::kFov;
-        c.camera.coeffs[0] = kNan;
+        c.camera.model.distortion = Distortion::kFov;
+        c.camera.model.coeffs[0] = kNan;
       },
       [](Config& c) {
-        c.camera.distortion = Distortion::kRadTan;
-        c.camera.coeffs[0] = -30;
+        c.camera.model.distortion = Distortion::kRadTan;
+        c.camera.model.coeffs[0] = -30;
       },
-      [](Config& c) { c.shutter.line_time_s = kNan; },
-      [](Config& c) { c.shutter.line_time_s = kInfinity; },
-      [](Config& c) { c.shutter.line_time_s = 0.06f; },  // the readout, mistaken for a line
+      [](Config& c) { c.camera.shutter.line_time_s = kNan; },
+      [](Config& c) { c.camera.shutter.line_time_s = kInfinity; },
+      [](Config& c) { c.camera.shutter.line_time_s = 0.06f; },  // the readout, mistaken for a line
       [](Config& c) { c.exposure_s = -0.01f; },
       [](Config& c) { c.exposure_s = kNan; },
       [](Config& c) { c.exposure_s = 30; },  // milliseconds
@@ -142,6 +143,22 @@ TEST(Api, AbsurdConfigurationsAreRefused) {
       [](Config& c) { c.max_keyframes = -1; },
       [](Config& c) { c.max_map_points = 0; },
       [](Config& c) { c.max_map_points = std::numeric_limits<int>::max(); },
+      [](Config& c) { c.max_measurements = 2 * c.max_map_points - 1; },
+      [](Config& c) { c.max_measurements = -8000; },
+      [](Config& c) { c.max_measurements = std::numeric_limits<int>::max(); },
+      [](Config& c) { c.max_measurements_per_point = 1; },
+      [](Config& c) { c.max_measurements_per_point = -8; },
+      [](Config& c) { c.max_measurements_per_point = 33; },
+      [](Config& c) { c.max_measurements_per_point = std::numeric_limits<int>::max(); },
+      [](Config& c) { c.cells_x = 0; },
+      [](Config& c) { c.cells_x = 17; },
+      [](Config& c) { c.cells_y = -1; },
+      [](Config& c) { c.cells_y = std::numeric_limits<int>::max(); },
+      [](Config& c) { c.search_level = -1; },
+      [](Config& c) { c.search_level = c.coarse_search_level = kPyramidLevels; },
+      [](Config& c) { c.search_level = c.coarse_search_level + 1; },  // the finer one
+      [](Config& c) { c.coarse_search_level = -1; },
+      [](Config& c) { c.coarse_search_level = kPyramidLevels; },
       [](Config& c) { c.max_partial_points = 0; },
       [](Config& c) { c.max_partial_points = std::numeric_limits<int>::max(); },
       [](Config& c) { c.max_measured_points = 0; },

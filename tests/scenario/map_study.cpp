@@ -51,8 +51,7 @@ struct Problem {
   std::vector<int64_t> timestamps_ns;
   std::vector<Engine::Point> points;
   std::vector<Engine::Observation> observations;
-  CameraModel model;
-  RollingShutter shutter;
+  Camera camera;
 };
 
 Problem problem_of(std::span<const std::byte> file, const Config& config, float shutter_told) {
@@ -64,12 +63,11 @@ Problem problem_of(std::span<const std::byte> file, const Config& config, float 
   if (!check_map_file(file, config).ok()) throw std::runtime_error("the saved map cannot be read");
   read_map_file(file, config, map);
   Problem problem;
-  problem.model = config.camera;
-  problem.shutter = config.shutter;
-  problem.shutter.line_time_s *= shutter_told;
-  std::vector<int16_t> view(static_cast<size_t>(map.keyframes.size()), -1);
-  for (int k = 0; k < map.keyframes.size(); ++k) {
-    const Keyframe& keyframe = map.keyframes[k];
+  problem.camera = config.camera;
+  problem.camera.shutter.line_time_s *= shutter_told;
+  std::vector<int16_t> view(static_cast<size_t>(map.keyframes().size()), -1);
+  for (int k = 0; k < map.keyframes().size(); ++k) {
+    const Keyframe& keyframe = map.keyframes()[k];
     if (!keyframe.live()) continue;
     view[static_cast<size_t>(k)] = static_cast<int16_t>(problem.cameras.size());
     Problem::Engine::Camera camera;
@@ -85,16 +83,16 @@ Problem problem_of(std::span<const std::byte> file, const Config& config, float 
     problem.depths.push_back(keyframe.mean_depth);
     problem.timestamps_ns.push_back(keyframe.timestamp_ns);
   }
-  for (const MapPoint& from : map.points) {
+  for (const MapPoint& from : map.points()) {
     if (from.id == 0) continue;
     Problem::Engine::Point point;
     point.p = from.p_w.cast<double>();
     point.first = static_cast<int32_t>(problem.observations.size());
-    for (const Measurement& m : from.measurements) {
+    for (const Measurement& m : map.measurements(from)) {
       Problem::Engine::Observation o;
-      o.px = m.px.cast<double>();
-      o.inverse_sigma = 1 / static_cast<double>(m.sigma);
-      o.dt_s = static_cast<double>(problem.shutter.dt_s(m.px, config.camera.width, config.camera.height));
+      o.px = m.at.px.cast<double>();
+      o.inverse_sigma = 1 / static_cast<double>(m.at.sigma());
+      o.dt_s = static_cast<double>(problem.camera.dt_s(m.at.px));
       o.camera = view[static_cast<size_t>(m.keyframe)];
       problem.observations.push_back(o);
     }
@@ -119,7 +117,7 @@ std::unique_ptr<Run<Scalar>> make_run(const Problem& problem, bool velocities) {
   capacity.observations = static_cast<int>(problem.observations.size());
   capacity.observations_per_point = kMaxMeasurements + 1;
   capacity.columns = 2 * capacity.cameras;
-  auto run = std::make_unique<Run<Scalar>>(capacity, pinhole<Scalar>(problem.model));
+  auto run = std::make_unique<Run<Scalar>>(capacity, pinhole<Scalar>(problem.camera.model));
   auto& engine = run->engine();
   using Engine = typename Run<Scalar>::Engine;
   for (const auto& from : problem.cameras) {
@@ -176,7 +174,7 @@ double adjust(Problem* problem, bool velocities, double sigma, float converged_a
 }
 
 double objective(const Problem& problem, bool with_prior, double sigma) {
-  return cost_in_double(make_run<double>(problem, with_prior)->engine(), sigma, pinhole<double>(problem.model));
+  return cost_in_double(make_run<double>(problem, with_prior)->engine(), sigma, pinhole<double>(problem.camera.model));
 }
 
 // Outliers go, and points that are left with fewer than two measurements.
@@ -204,8 +202,9 @@ Problem moved(const Problem& problem) {
     for (int k = point.first; k < point.first + point.count; ++k) {
       auto& o = result.observations[static_cast<size_t>(k)];
       const auto& now = problem.cameras[static_cast<size_t>(o.camera)].now;
-      o.px = global_shutter_px(problem.model, problem.shutter, now.velocity.cast<float>(),
-                               (now.R * point.p + now.t).cast<float>(), o.px.cast<float>())
+      o.px = problem.camera
+                 .global_shutter_px(now.velocity.cast<float>(), (now.R * point.p + now.t).cast<float>(),
+                                    o.px.cast<float>())
                  .cast<double>();
       o.dt_s = 0;
     }
@@ -215,7 +214,14 @@ Problem moved(const Problem& problem) {
 
 // As Mapper::update_velocities().
 void estimate_velocities(Problem* problem) {
+  constexpr int kMaxPoints = 256;
+  const bool rolling = problem->camera.shutter.line_time_s != 0;
   WorkMeter meter;
+  Arena measure;
+  const PoseUpdater measured(measure, kMaxPoints, rolling, meter);
+  std::vector<std::max_align_t> memory(measure.used() / sizeof(std::max_align_t) + 1);
+  Arena arena(std::as_writable_bytes(std::span(memory)));
+  PoseUpdater updater(arena, kMaxPoints, rolling, meter);
   for (size_t k = 0; k < problem->cameras.size(); ++k) {
     auto& camera = problem->cameras[k];
     std::vector<PosePoint> points;
@@ -225,8 +231,7 @@ void estimate_velocities(Problem* problem) {
         if (static_cast<size_t>(o.camera) != k) continue;
         PosePoint p;
         p.p_w = point.p.cast<float>();
-        p.px = o.px.cast<float>();
-        p.sigma = static_cast<float>(1 / o.inverse_sigma);
+        p.found = {o.px.cast<float>(), static_cast<uint8_t>(std::lround(-std::log2(o.inverse_sigma)))};
         points.push_back(p);
       }
     }
@@ -234,9 +239,8 @@ void estimate_velocities(Problem* problem) {
     prior.mean = camera.velocity_prior.cast<float>();
     prior.sigma_translation = kVelocitySigmaTranslation * problem->depths[k];
     prior.sigma_rotation = kVelocitySigmaRotation;
-    const PoseUpdate update =
-        update_pose(problem->model, problem->shutter, {camera.now.R.cast<float>(), camera.now.t.cast<float>()}, prior,
-                    points, kRobustSigmaFloor, meter);
+    const PoseUpdate update = updater.run({camera.now.R.cast<float>(), camera.now.t.cast<float>()}, prior,
+                                          PosePoints(problem->camera, points));
     if (update.ok) camera.now.velocity = update.velocity.cast<double>();
   }
 }
@@ -320,7 +324,7 @@ Result study(const sim::PhoneOptions& phone, float shutter_told) {
   CameraModel model = log.camera.model;
   model.prepare();
   Config config = Config::phone(model);
-  config.shutter = log.camera.shutter;
+  config.camera.shutter = log.camera.shutter;
 
   const Judge judge(phone, truth, story.curve);
   Problem snapshot = problem_of(log.saved_map, config, shutter_told);

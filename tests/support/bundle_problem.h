@@ -9,7 +9,7 @@
 #include <random>
 #include <vector>
 
-#include "map/map.h"
+#include "camera/camera_model.h"
 
 namespace pptam::test {
 
@@ -175,28 +175,6 @@ class BundleProblemMaker {
 
 inline BundleProblem make_bundle_problem(const BundleProblemOptions& options, uint64_t seed) {
   return BundleProblemMaker(options, seed).make();
-}
-
-// Fills an empty map with the problem at its start.
-inline void fill_map(const BundleProblem& problem, Map& map) {
-  for (const BundleProblem::View& view : problem.start) {
-    map.queued = 1;
-    Keyframe& frame = map.queue[0].frame;
-    frame.T_kw = SE3(view.R.cast<float>(), view.t.cast<float>());
-    frame.velocity = frame.velocity_prior = view.velocity.cast<float>();
-    frame.mean_depth = 1;
-    map.add_keyframe(map.queue[0]);
-    map.pop_queue();
-  }
-  for (const BundleProblem::Point& from : problem.points) {
-    MapPoint& point = map.points[map.add_point()];
-    point.p_w = from.start.cast<float>();
-    point.source.keyframe = static_cast<int16_t>(from.observations[0].view);
-    for (const BundleProblem::Observation& o : from.observations)
-      point.measurements.push_back(
-          {o.px.cast<float>(), static_cast<float>(BundleProblem::kSigma_px), static_cast<int16_t>(o.view)});
-  }
-  map.ready = true;  // shown already: its scale is free
 }
 
 }  // namespace pptam::test

@@ -73,7 +73,7 @@ class Replay final : public platform::Camera {
 
 inline Config config_for(const Recording& recording) {
   Config config = Config::phone(recording.info.model);
-  config.shutter = recording.info.shutter;
+  config.camera.shutter = recording.info.shutter;
   config.exposure_s = recording.info.exposure_s;
   return config;
 }

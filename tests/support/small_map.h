@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "map/map.h"
+#include "map/map_access.h"
 #include "map/map_file.h"
 
 namespace pptam::test {
@@ -24,8 +25,8 @@ inline Config small_map_config() {
   camera.cy = 40;
   camera.prepare();
   Config config = Config::phone(camera);
-  config.shutter.axis = RollingShutter::Axis::kColumns;
-  config.shutter.line_time_s = -0.0005f;
+  config.camera.shutter.axis = RollingShutter::Axis::kColumns;
+  config.camera.shutter.line_time_s = -0.0005f;
   config.max_keyframes = 5;
   config.max_map_points = 120;
   config.max_partial_points = 20;
@@ -55,11 +56,10 @@ class SmallMap {
     const auto uniform = [&engine](double low, double high) {
       return static_cast<float>(low + (high - low) * (static_cast<double>(engine() >> 11) * 0x1.0p-53));
     };
-    map.next_id = 1 + static_cast<uint32_t>(engine() % 1000);
+    MapAccess::set_next_id(map, 1 + static_cast<uint32_t>(engine() % 1000));
     const int keyframes = 3;  // that stay, and one to be forgotten, one erased
     for (int k = 0; k < keyframes + 2; ++k) {
-      map.queued = 1;
-      Keyframe& frame = map.queue[0].frame;
+      Keyframe& frame = map.queue().hold().frame;
       Vector6f mu;
       mu << uniform(-0.05, 0.05), uniform(-0.05, 0.05), uniform(-0.05, 0.05), uniform(-0.03, 0.03),
           uniform(-0.03, 0.03), uniform(-0.03, 0.03);
@@ -82,45 +82,44 @@ class SmallMap {
       }
       frame.pyramid = build_pyramid(image, frame.storage);
       make_small_image(frame.pyramid, frame.small);
-      map.add_keyframe(map.queue[0]);
-      map.pop_queue();
+      map.queue().release();
+      map.add_keyframe(map.queue().front().frame);
+      map.queue().pop();
     }
     const auto source = [&](int k, const Vector3f& p_w) {
       PatchSource s;
       s.keyframe = static_cast<int16_t>(k);
-      config.camera.project(map.keyframes[k].T_kw * p_w, &s.px);
-      s.normal = -map.keyframes[k].T_kw.R.col(2);
+      config.camera.project(map.keyframes()[k].T_kw * p_w, &s.px);
+      s.normal = -map.keyframes()[k].T_kw.R.col(2);
       return s;
     };
     for (int i = 0; i < 60; ++i) {
-      MapPoint& point = map.points[map.add_point()];
-      point.p_w = {uniform(-0.25, 0.25), uniform(-0.2, 0.2), 1};
+      const Vector3f p_w = {uniform(-0.25, 0.25), uniform(-0.2, 0.2), 1};
       const int first = static_cast<int>(engine() % keyframes);
-      point.source = source(first, point.p_w);
+      const int index = map.add_point(p_w, source(first, p_w));
       for (int n = 0; n < 2 + i % 2; ++n) {
         const int k = (first + n) % keyframes;
-        point.measurements.push_back(
-            {source(k, point.p_w).px, static_cast<float>(1 << (i % 3)), static_cast<int16_t>(k)});
+        map.add_measurement(index, {{source(k, p_w).px, static_cast<uint8_t>(i % 3)}, static_cast<int16_t>(k)});
       }
+      MapPoint& point = MapAccess::point(map, index);
       point.attempts = static_cast<uint16_t>(engine() % 64);
       point.found = static_cast<uint16_t>(engine() % (point.attempts + 1u));
     }
     for (int i = 0; i < 10; ++i) {
-      PartialPoint& partial = map.partial_points[map.add_partial_point()];
-      partial.source = source(i % keyframes, {uniform(-0.25, 0.25), uniform(-0.2, 0.2), 1});
-      const Vector2f ray = config.camera.unproject(partial.source.px);
-      partial.ray = {ray.x(), ray.y(), 1};
-      partial.inverse_depth = uniform(0.5, 2);
+      const PatchSource corner = source(i % keyframes, {uniform(-0.25, 0.25), uniform(-0.2, 0.2), 1});
+      const Vector2f ray = config.camera.unproject(corner.px);
+      PartialPoint& partial =
+          MapAccess::partial_point(map, map.add_partial_point(corner, {ray.x(), ray.y(), 1}, uniform(0.5, 2)));
       partial.information = i % 4 == 0 ? 0 : uniform(0, 1e4);
       partial.attempts = static_cast<uint16_t>(i);
       partial.found = static_cast<uint16_t>(i / 2);
     }
     for (const int i : {0, 7, 8, 59}) map.remove_point(i);
-    map.partial_points[3] = PartialPoint();
+    map.remove_partial_point(3);
     for (const int k : {3, 4}) map.erase_keyframe(k);
     map.forget_keyframe(3);
-    map.points[5].source = source(4, map.points[5].p_w);
-    map.ready = true;
+    MapAccess::point(map, 5).source = source(4, map.points()[5].p_w);
+    map.finish();
   }
 
   std::vector<std::byte> file() const {

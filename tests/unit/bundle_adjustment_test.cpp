@@ -12,6 +12,7 @@
 
 #include "camera/pose_update.h"
 #include "geometry/robust.h"
+#include "tests/support/map_building.h"
 #include "tests/support/phone_camera.h"
 #include "tests/support/random.h"
 
@@ -56,6 +57,7 @@ struct Problem {
   double point_error = 0;    // world units
   float instructions = 600;  // per projection: decides where the slices end
   int keyframes = kKeyframes;
+  bool ready = true;     // the map is shown already
   bool rolling = false;  // the phone's shutter, cameras that move, and velocities off by four sigma of the prior
 };
 
@@ -64,7 +66,7 @@ class World {
  public:
   explicit World(const Problem& problem, uint64_t seed = 0) : config_(test_config()), engine_(seed) {
     config_.profile.instructions.fill(problem.instructions);
-    if (problem.rolling) config_.shutter = {RollingShutter::Axis::kColumns, -0.060f / 240};
+    if (problem.rolling) config_.camera.shutter = {RollingShutter::Axis::kColumns, -0.060f / 240};
     meter_.set_profile(config_.profile);
     Arena measure;
     build(measure);
@@ -75,7 +77,7 @@ class World {
     Arena arena({static_cast<std::byte*>(start), measure.used()});
     build(arena);
     fill(problem);
-    map_->ready = true;  // shown already: its scale is free
+    if (problem.ready) map_->finish();  // shown already: its scale is free
   }
 
   Map& map() { return *map_; }
@@ -84,9 +86,9 @@ class World {
   const Config& config() const { return config_; }
   int wrong_left() const {
     int left = 0;
-    for (const MapPoint& point : map_->points) {
+    for (const MapPoint& point : map_->points()) {
       if (point.id == 0) continue;
-      for (const Measurement& m : point.measurements)
+      for (const Measurement& m : map_->measurements(point))
         left += std::find(wrong_.begin(), wrong_.end(), std::pair<uint32_t, int>(point.id, m.keyframe)) != wrong_.end();
     }
     return left;
@@ -102,9 +104,9 @@ class World {
   // Root mean square distance of the points from the truth after the best similarity, world units.
   double point_distance() const {
     std::vector<Eigen::Vector3d> a, b;
-    for (int i = 0; i < map_->points.size(); ++i) {
-      if (map_->points[i].id == 0) continue;
-      a.push_back(map_->points[i].p_w.cast<double>());
+    for (int i = 0; i < map_->points().size(); ++i) {
+      if (map_->points()[i].id == 0) continue;
+      a.push_back(map_->points()[i].p_w.cast<double>());
       b.push_back(truth_[static_cast<size_t>(i)]);
     }
     Eigen::Matrix3Xd A(3, a.size()), B(3, b.size());
@@ -120,9 +122,9 @@ class World {
   double reprojection_rms() const {
     double sum = 0;
     int count = 0;
-    for (const MapPoint& point : map_->points) {
+    for (const MapPoint& point : map_->points()) {
       if (point.id == 0) continue;
-      for (const Measurement& m : point.measurements) {
+      for (const Measurement& m : map_->measurements(point)) {
         sum += error_sq(m, point.p_w.cast<double>());
         ++count;
       }
@@ -174,43 +176,39 @@ class World {
       T.t = -(T.R * centre);
       T_true.push_back(T);
       velocity.push_back(problem.rolling ? twist(0.1, 0.2) : Vector6f::Zero());
-      map_->queued = 1;
-      Keyframe& frame = map_->queue[0].frame;
-      frame.T_kw = k == 0 ? T : SE3::exp(twist(problem.pose_error, problem.pose_error)) * T;
-      frame.velocity = velocity.back();
-      if (problem.rolling) frame.velocity += twist(4 * kVelocitySigmaTranslation, 4 * kVelocitySigmaRotation);
-      frame.velocity_prior = frame.velocity;
-      frame.mean_depth = 1;
-      map_->add_keyframe(map_->queue[0]);
-      map_->pop_queue();
+      test::add_keyframe(*map_, [&](Keyframe& frame) {
+        frame.T_kw = k == 0 ? T : SE3::exp(twist(problem.pose_error, problem.pose_error)) * T;
+        frame.velocity = velocity.back();
+        if (problem.rolling) frame.velocity += twist(4 * kVelocitySigmaTranslation, 4 * kVelocitySigmaRotation);
+        frame.velocity_prior = frame.velocity;
+        frame.mean_depth = 1;
+      });
     }
     for (int i = 0; i < kPoints; ++i) {
       const Eigen::Vector3d p(uniform(-0.2, 0.2), uniform(-0.25, 0.25), uniform(0.8, 1.2));
-      const int index = map_->add_point();
-      MapPoint& point = map_->points[index];
-      for (int a = 0; a < 3; ++a) point.p_w(a) = static_cast<float>(p(a) + problem.point_error * gaussian());
+      Vector3f p_w;
+      for (int a = 0; a < 3; ++a) p_w(a) = static_cast<float>(p(a) + problem.point_error * gaussian());
       truth_.push_back(p);
-      point.source.keyframe = 0;
+      const int index = map_->add_point(p_w, {0, Vector2f::Zero(), -Vector3f::UnitZ()});
+      const MapPoint& point = map_->points()[index];
       for (int k = 0; k < problem.keyframes; ++k) {
         if (k > 1 && uniform(0, 1) < 0.3) continue;  // two views at least
-        if (point.measurements.size() == kMaxMeasurements) break;
+        if (point.measurements.size() == map_->max_measurements_per_point()) break;
         Measurement m;
         m.keyframe = static_cast<int16_t>(k);
-        m.sigma = 2;
         Vector2f px;
         SE3 T = T_true[static_cast<size_t>(k)];
         for (int pass = 0; pass < 20; ++pass) {  // the line that sees it: contracts by 0.1
           EXPECT_TRUE(config_.camera.project(T * p.cast<float>(), &px));
-          const float dt_s = config_.shutter.dt_s(px, config_.camera.width, config_.camera.height);
-          T = pose_at(T_true[static_cast<size_t>(k)], velocity[static_cast<size_t>(k)], dt_s);
+          T = pose_at(T_true[static_cast<size_t>(k)], velocity[static_cast<size_t>(k)], config_.camera.dt_s(px));
         }
-        for (int a = 0; a < 2; ++a) m.px(a) = px(a) + static_cast<float>(problem.noise * 2 * gaussian());
+        for (int a = 0; a < 2; ++a) m.at.px(a) = px(a) + static_cast<float>(problem.noise * 2 * gaussian());
         if (k > 0 && uniform(0, 1) < problem.outliers) {
           const double angle = uniform(0, 6.28318), size = uniform(20, 60);
-          m.px += Vector2f(static_cast<float>(size * std::cos(angle)), static_cast<float>(size * std::sin(angle)));
+          m.at.px += Vector2f(static_cast<float>(size * std::cos(angle)), static_cast<float>(size * std::sin(angle)));
           wrong_.emplace_back(point.id, k);
         }
-        point.measurements.push_back(m);
+        map_->add_measurement(index, m);
         started_with_.push_back({i, m});
       }
     }
@@ -218,18 +216,17 @@ class World {
   }
 
   double error_sq(const Measurement& m, const Eigen::Vector3d& p_w, const SE3* T = nullptr) const {
-    const Keyframe& keyframe = map_->keyframes[m.keyframe];
-    const float dt_s = config_.shutter.dt_s(m.px, config_.camera.width, config_.camera.height);
-    const SE3 pose = T ? *T : pose_at(keyframe.T_kw, keyframe.velocity, dt_s);
+    const Keyframe& keyframe = map_->keyframes()[m.keyframe];
+    const SE3 pose = T ? *T : pose_at(keyframe.T_kw, keyframe.velocity, config_.camera.dt_s(m.at.px));
     const Eigen::Vector3d p_c = pose.R.cast<double>() * p_w + pose.t.cast<double>();
     const Eigen::Vector2d px = kFocal_px * p_c.hnormalized() + Eigen::Vector2d(119.5, 159.5);
-    return ((m.px.cast<double>() - px) / static_cast<double>(m.sigma)).squaredNorm();
+    return ((m.at.px.cast<double>() - px) / static_cast<double>(m.at.sigma())).squaredNorm();
   }
   double cost_of(float sigma, bool truth) const {
     double sum = 0;
     for (const auto& [i, m] : started_with_) {
-      if (map_->points[i].id == 0) continue;
-      const Eigen::Vector3d p = truth ? truth_[static_cast<size_t>(i)] : map_->points[i].p_w.cast<double>();
+      if (map_->points()[i].id == 0) continue;
+      const Eigen::Vector3d p = truth ? truth_[static_cast<size_t>(i)] : map_->points()[i].p_w.cast<double>();
       sum += static_cast<double>(tukey_cost(
           static_cast<float>(error_sq(m, p, truth ? &T_true_[static_cast<size_t>(m.keyframe)] : nullptr)), sigma));
     }
@@ -264,14 +261,14 @@ constexpr double kRounding_sigma = 3e-4;
 TEST(BundleAdjustment, AnExactMapStays) {
   test::Random random;
   World world(Problem(), random.seed());
-  const SE3 datum = world.map().keyframes[0].T_kw;
+  const SE3 datum = world.map().keyframes()[0].T_kw;
   world.run();
   EXPECT_TRUE(world.bundle().result().converged);
   EXPECT_LT(world.reprojection_rms(), kRounding_sigma);
   // The image's rounding in distance: 2e-4 px / f over the parallax of 0.25 units.
   EXPECT_LT(world.point_distance(), 4 * 6e-4 / kFocal_px);
-  EXPECT_EQ(world.map().keyframes[0].T_kw.R, datum.R);
-  EXPECT_EQ(world.map().keyframes[0].T_kw.t, datum.t);
+  EXPECT_EQ(world.map().keyframes()[0].T_kw.R, datum.R);
+  EXPECT_EQ(world.map().keyframes()[0].T_kw.t, datum.t);
   EXPECT_EQ(world.map().point_count(), kPoints);
   World worse(disturbed(), random.seed());
   EXPECT_GT(worse.reprojection_rms(), 100 * kRounding_sigma);
@@ -342,14 +339,14 @@ TEST(BundleAdjustment, LocalAdjustmentHoldsTheOthers) {
   test::Random random;
   World world(disturbed(), random.seed());
   SE3 before[kKeyframes];
-  for (int k = 0; k < kKeyframes; ++k) before[k] = world.map().keyframes[k].T_kw;
+  for (int k = 0; k < kKeyframes; ++k) before[k] = world.map().keyframes()[k].T_kw;
   const double start = world.reprojection_rms();
   world.run(kKeyframes - 1);
   int moved = 0;
-  for (int k = 0; k < kKeyframes; ++k) moved += world.map().keyframes[k].T_kw.t != before[k].t;
+  for (int k = 0; k < kKeyframes; ++k) moved += world.map().keyframes()[k].T_kw.t != before[k].t;
   EXPECT_EQ(moved, 5) << "the newest and its four nearest";
-  EXPECT_EQ(world.map().keyframes[0].T_kw.t, before[0].t);
-  EXPECT_NE(world.map().keyframes[kKeyframes - 1].T_kw.t, before[kKeyframes - 1].t);
+  EXPECT_EQ(world.map().keyframes()[0].T_kw.t, before[0].t);
+  EXPECT_NE(world.map().keyframes()[kKeyframes - 1].T_kw.t, before[kKeyframes - 1].t);
   EXPECT_LT(world.reprojection_rms(), start);
 }
 
@@ -390,11 +387,11 @@ TEST(BundleAdjustment, AnUnfinishedMapKeepsItsScale) {
   Problem problem = disturbed();
   problem.noise = 0.3;
   for (const bool ready : {false, true}) {
+    problem.ready = ready;
     World world(problem, random.seed());
-    world.map().ready = ready;
     const auto length = [&] {
       const Map& map = world.map();
-      return (map.keyframes[map.keyframes.size() - 1].T_kw.centre() - map.keyframes[0].T_kw.centre()).norm();
+      return (map.keyframes()[map.keyframes().size() - 1].T_kw.centre() - map.keyframes()[0].T_kw.centre()).norm();
     };
     const float before = length();
     world.run();
@@ -475,7 +472,8 @@ TEST(BundleAdjustment, CommitsWholeStepsThatNeverCostMore) {
     interrupted.start();
     for (int i = 0; i < when && !interrupted.job().done; ++i) interrupted.job().resume();
     if (interrupted.bundle().result().converged) break;
-    interrupted.map().queued = 1;
+    interrupted.map().queue().hold();
+    interrupted.map().queue().release();
     while (!interrupted.job().done) interrupted.job().resume();
     if (interrupted.bundle().result().converged) continue;  // it was about to end: outliers have been removed
     const uint64_t end = interrupted.map().hash();
@@ -490,19 +488,21 @@ TEST(BundleAdjustment, DegenerateMapsDoNoHarm) {
   // One camera position only: no depth can be told. Nothing may become infinite, the cost may not rise.
   test::Random random;
   World world(disturbed(), random.seed());
-  for (Keyframe& keyframe : world.map().keyframes) keyframe.T_kw = world.map().keyframes[0].T_kw;
-  for (MapPoint& point : world.map().points)
-    for (Measurement& m : point.measurements) m.px = point.measurements[0].px;
+  Map& map = world.map();
+  for (int k = 1; k < map.keyframes().size(); ++k) map.move_keyframe(k, map.keyframes()[0].T_kw);
+  for (int i = 0; i < map.points().size(); ++i)
+    for (int j = 1; j < map.points()[i].measurements.size(); ++j)
+      MapAccess::measurement(map, i, j).at.px = map.measurements(map.points()[i])[0].at.px;
   world.run();
-  for (const Keyframe& keyframe : world.map().keyframes) {
+  for (const Keyframe& keyframe : world.map().keyframes()) {
     EXPECT_TRUE(keyframe.T_kw.R.allFinite());
     EXPECT_TRUE(keyframe.T_kw.t.allFinite());
   }
-  for (const MapPoint& point : world.map().points) EXPECT_TRUE(point.p_w.allFinite());
+  for (const MapPoint& point : world.map().points()) EXPECT_TRUE(point.p_w.allFinite());
   EXPECT_LE(world.bundle().result().final_cost, world.bundle().result().initial_cost);
   // No points, or one keyframe: nothing to do, and it says so by doing nothing.
   World empty{Problem()};
-  for (int i = 0; i < empty.map().points.size(); ++i) empty.map().remove_point(i);
+  for (int i = 0; i < empty.map().points().size(); ++i) empty.map().remove_point(i);
   empty.run();
   EXPECT_EQ(empty.bundle().result().iterations, 0);
 }
@@ -521,12 +521,12 @@ TEST(BundleAdjustment, ErasedKeyframesFollowInTheSameBits) {
     Map& map = world.map();
     for (const int k : {3, 7, 8}) map.erase_keyframe(k);
     map.forget_keyframe(7);  // an empty slot
-    const SE3 before = map.keyframes[8].T_kw;
-    const SE3 T_anchor = map.keyframes[8].T_anchor;
+    const SE3 before = map.keyframes()[8].T_kw;
+    const SE3 T_anchor = map.keyframes()[8].T_anchor;
     world.run();
     EXPECT_GE(world.bundle().result().iterations, 2);
-    const Keyframe& erased = map.keyframes[8];
-    const SE3 expected = T_anchor * map.keyframes[erased.anchor].T_kw;
+    const Keyframe& erased = map.keyframes()[8];
+    const SE3 expected = T_anchor * map.keyframes()[erased.anchor].T_kw;
     EXPECT_EQ(erased.T_kw.R, expected.R);
     EXPECT_EQ(erased.T_kw.t, expected.t);
     EXPECT_NE(erased.T_kw.t, before.t);
@@ -540,7 +540,7 @@ TEST(BundleAdjustment, ErasedKeyframesFollowInTheSameBits) {
   without.map().forget_keyframe(7);
   without.run();
   EXPECT_EQ(without.map().hash(), hash);
-  without.map().keyframes[8].T_kw.t.x() += 1e-3f;
+  MapAccess::keyframe(without.map(), 8).T_kw.t.x() += 1e-3f;
   EXPECT_NE(without.map().hash(), hash);
 }
 

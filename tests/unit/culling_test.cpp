@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "map/patch_search.h"
+#include "tests/support/map_building.h"
 #include "tests/support/phone_camera.h"
 #include "tests/support/random.h"
 #include "tracking/relocaliser.h"
@@ -75,28 +76,14 @@ class CullingTest : public ::testing::Test {
 
   // At centre, looking along z.
   int add_keyframe(const Vector3f& centre, const Matrix3f& R = Matrix3f::Identity()) {
-    map_.queued = 1;
-    KeyframeCandidate& candidate = map_.queue[0];
-    candidate.frame.T_kw = SE3(R, -(R * centre));
-    candidate.frame.mean_depth = 1;
-    const int index = map_.add_keyframe(candidate);
-    map_.pop_queue();
-    return index;
+    return test::add_keyframe(map_, SE3(R, -(R * centre)));
   }
   // One unit in front of the cameras, seen where it is.
   int add_point(const Vector3f& p_w, const std::vector<int>& keyframes) {
-    const int index = map_.add_point();
-    MapPoint& point = map_.points[index];
-    point.p_w = p_w;
-    point.source.keyframe = static_cast<int16_t>(keyframes[0]);
-    for (const int k : keyframes) {
-      Measurement m;
-      m.keyframe = static_cast<int16_t>(k);
-      m.sigma = 2;
-      EXPECT_TRUE(config_.camera.project(map_.keyframes[k].T_kw * p_w, &m.px));
-      point.measurements.push_back(m);
-    }
-    EXPECT_TRUE(config_.camera.project(map_.keyframes[keyframes[0]].T_kw * p_w, &point.source.px));
+    const auto measure = [&](int k) { return test::measure_exactly(map_, config_.camera, k, p_w); };
+    const int index =
+        map_.add_point(p_w, {static_cast<int16_t>(keyframes[0]), measure(keyframes[0]).at.px, -Vector3f::UnitZ()});
+    for (const int k : keyframes) map_.add_measurement(index, measure(k));
     return index;
   }
   Vector3f random_offset() {
@@ -118,17 +105,20 @@ class CullingTest : public ::testing::Test {
   }
   // What the header of Map promises between two slices.
   void expect_consistent() {
-    for (const MapPoint& point : map_.points) {
+    for (const MapPoint& point : map_.points()) {
       if (point.id == 0) continue;
       EXPECT_GE(point.measurements.size(), 2);
-      EXPECT_NE(map_.keyframes[point.source.keyframe].id, 0u);
-      for (const Measurement& m : point.measurements) EXPECT_TRUE(map_.keyframes[m.keyframe].live());
+      EXPECT_LE(point.measurements.size(), map_.max_measurements_per_point() + 1);
+      EXPECT_NE(map_.keyframes()[point.source.keyframe].id, 0u);
+      for (const Measurement& m : map_.measurements(point)) EXPECT_TRUE(map_.keyframes()[m.keyframe].live());
     }
-    for (const PartialPoint& partial : map_.partial_points)
-      EXPECT_TRUE(partial.id == 0 || map_.keyframes[partial.source.keyframe].id != 0);
-    for (const Keyframe& keyframe : map_.keyframes)
-      EXPECT_TRUE(keyframe.id == 0 || !keyframe.erased || map_.keyframes[keyframe.anchor].live());
+    for (const PartialPoint& partial : map_.partial_points())
+      EXPECT_TRUE(partial.id == 0 || map_.keyframes()[partial.source.keyframe].id != 0);
+    for (const Keyframe& keyframe : map_.keyframes())
+      EXPECT_TRUE(keyframe.id == 0 || !keyframe.erased || map_.keyframes()[keyframe.anchor].live());
+    map_.check_consistency();
   }
+  bool measured_in(int point, int keyframe) const { return map_.measured_in(map_.points()[point], keyframe); }
 
   test::Random random_;
   Config config_;
@@ -143,16 +133,16 @@ class CullingTest : public ::testing::Test {
 // ---- measurements ----
 
 // In double, by the definition.
-std::vector<double> usefulness_by_definition(const Map& map, const CameraModel& camera, const MapPoint& point,
+std::vector<double> usefulness_by_definition(const Map& map, const Camera& camera, const MapPoint& point,
                                              double* trace) {
   std::vector<Eigen::Matrix3d> V_j;
   Eigen::Matrix3d V = Eigen::Matrix3d::Zero();
-  for (const Measurement& m : point.measurements) {
+  for (const Measurement& m : map.measurements(point)) {
     Vector2f px;
     Matrix23f J;
-    EXPECT_TRUE(camera.project(map.keyframes[m.keyframe].T_kw * point.p_w, &px, &J));
+    EXPECT_TRUE(camera.project(map.keyframes()[m.keyframe].T_kw * point.p_w, &px, &J));
     const Eigen::Matrix<double, 2, 3> B =
-        (J * map.keyframes[m.keyframe].T_kw.R).cast<double>() / static_cast<double>(m.sigma * camera.fx);
+        (J * map.keyframes()[m.keyframe].T_kw.R).cast<double>() / static_cast<double>(m.at.sigma() * camera.model.fx);
     V_j.emplace_back(static_cast<double>(m.weight) * B.transpose() * B);
     V += V_j.back();
   }
@@ -173,26 +163,27 @@ TEST_F(CullingTest, UsefulnessIsTheInformationThatWouldBeLost) {
       for (int i = 0; i < 6; ++i) mu[i] = static_cast<float>((i < 3 ? 0.1 : 0.03) * random_.uniform(-1, 1));
       const SE3 T = SE3::exp(mu);
       seen_by.push_back(add_keyframe(T.centre(), T.R));
-      map_.keyframes[k].mean_depth = static_cast<float>(random_.uniform(0.5, 2));  // must not matter
+      MapAccess::keyframe(map_, k).mean_depth = static_cast<float>(random_.uniform(0.5, 2));  // must not matter
     }
-    MapPoint& point = map_.points[add_point(random_point(), seen_by)];
-    for (Measurement& m : point.measurements) {
-      m.sigma = static_cast<float>(1 << random_.integer(1, 2));
-      m.weight = static_cast<float>(random_.uniform(0, 1));
+    const int index = add_point(random_point(), seen_by);
+    const MapPoint& point = map_.points()[index];
+    for (int j = 0; j < views; ++j) {
+      MapAccess::measurement(map_, index, j).at.level = static_cast<uint8_t>(random_.integer(1, 2));
+      map_.set_weight(index, j, static_cast<float>(random_.uniform(0, 1)));
     }
-    float m[kMaxMeasurements + 1];
+    float m[kMostMeasurements + 1];
     measure_usefulness(map_, config_.camera, point, m);
     double trace = 0;
     const std::vector<double> truth = usefulness_by_definition(map_, config_.camera, point, &trace);
     // One factor for all: that of the depth's sixth power. Determinants are sums of products of three numbers, each of
     // which is at most the trace; a dozen roundings of 6e-8.
-    const double factor = std::pow(static_cast<double>(map_.keyframes[seen_by[0]].mean_depth), 6);
+    const double factor = std::pow(static_cast<double>(map_.keyframes()[seen_by[0]].mean_depth), 6);
     const double tolerance = 12 * 6e-8 * factor * trace * trace * trace;
     for (int j = 0; j < views; ++j)
       EXPECT_NEAR(static_cast<double>(m[j]), factor * truth[static_cast<size_t>(j)], tolerance) << j;
     // Another weight is another usefulness.
     const double before = static_cast<double>(m[1]);
-    point.measurements[1].weight *= 0.5f;
+    map_.set_weight(index, 1, 0.5f * map_.measurements(point)[1].weight);
     measure_usefulness(map_, config_.camera, point, m);
     changes += std::abs(static_cast<double>(m[1]) - before);
     tolerances += tolerance;
@@ -219,27 +210,26 @@ TEST_F(CullingTest, CullingKeepsEightAndDropsTheRedundantOne) {
       T_kw.t = -(T_kw.R * centres[k]);
       ASSERT_EQ(add_keyframe(centres[k], T_kw.R), k);
     }
-    MapPoint& point = map_.points[map_.add_point()];
-    point.p_w = Vector3f(0, 0, 1);
-    point.source.keyframe = 0;
-    for (int k = 0; k < 8; ++k) point.measurements.push_back({Vector2f::Zero(), 2, static_cast<int16_t>(k)});
-    cull_measurements(map_, config_.camera, point, meter_);
+    const int index = map_.add_point(Vector3f(0, 0, 1), {0, Vector2f::Zero(), -Vector3f::UnitZ()});
+    const MapPoint& point = map_.points()[index];
+    for (int16_t k = 0; k < 8; ++k) map_.add_measurement(index, {{Vector2f::Zero(), 1}, k});
+    cull_measurements(map_, index, config_.camera, meter_);
     EXPECT_EQ(point.measurements.size(), 8) << "eight are kept";
-    point.measurements.push_back({Vector2f::Zero(), 2, 8});
+    map_.add_measurement(index, {{Vector2f::Zero(), 1}, 8});
     // The definition, in double: the measurement whose |V| - |V - V_j| is least.
     Eigen::Matrix3d V_j[9], V = Eigen::Matrix3d::Zero();
     for (int j = 0; j < 9; ++j) {
       Vector2f px;
       Matrix23f J;
-      ASSERT_TRUE(config_.camera.project(map_.keyframes[j].T_kw * point.p_w, &px, &J));
-      const Eigen::Matrix<double, 2, 3> B = (J * map_.keyframes[j].T_kw.R).cast<double>() / (2 * 358.6);
+      ASSERT_TRUE(config_.camera.project(map_.keyframes()[j].T_kw * point.p_w, &px, &J));
+      const Eigen::Matrix<double, 2, 3> B = (J * map_.keyframes()[j].T_kw.R).cast<double>() / (2 * 358.6);
       V_j[j] = B.transpose() * B;
       V += V_j[j];
     }
-    cull_measurements(map_, config_.camera, point, meter_);
+    cull_measurements(map_, index, config_.camera, meter_);
     ASSERT_EQ(point.measurements.size(), 8);
     bool left[9] = {};
-    for (const Measurement& m : point.measurements) left[m.keyframe] = true;
+    for (const Measurement& m : map_.measurements(point)) left[m.keyframe] = true;
     EXPECT_TRUE(left[0]) << "the source's stays";
     int gone = 0;
     while (left[gone]) ++gone;
@@ -253,14 +243,12 @@ TEST_F(CullingTest, CullingKeepsEightAndDropsTheRedundantOne) {
 TEST_F(CullingTest, AMeasurementFarMorePreciseIsNotDropped) {
   std::vector<int> seen_by;
   for (int k = 0; k < 9; ++k) seen_by.push_back(add_keyframe(0.06f * random_offset()));
-  MapPoint& point = map_.points[add_point({0, 0, 1}, seen_by)];
-  ASSERT_EQ(point.measurements.size(), 9);
-  for (Measurement& m : point.measurements) m.sigma = 8;
-  point.measurements[5].sigma = 1;
-  cull_measurements(map_, config_.camera, point, meter_);
-  bool kept = false;
-  for (const Measurement& m : point.measurements) kept = kept || m.keyframe == 5;
-  EXPECT_TRUE(kept);
+  const int point = add_point({0, 0, 1}, seen_by);
+  ASSERT_EQ(map_.points()[point].measurements.size(), 9);
+  for (int j = 0; j < 9; ++j) MapAccess::measurement(map_, point, j).at.level = j == 5 ? 0 : 3;
+  cull_measurements(map_, point, config_.camera, meter_);
+  EXPECT_EQ(map_.points()[point].measurements.size(), 8);
+  EXPECT_TRUE(measured_in(point, 5));
 }
 
 // The source's measurement stays, wherever it is in the list; without one any may go.
@@ -268,14 +256,12 @@ TEST_F(CullingTest, TheSourcesMeasurementStays) {
   std::vector<int> seen_by;
   for (int k = 0; k < 9; ++k) seen_by.push_back(add_keyframe(0.06f * random_offset()));
   for (const bool measured : {true, false}) {
-    MapPoint& point = map_.points[add_point({0, 0, 1}, seen_by)];
-    point.measurements[4].weight = 0;  // the least useful by far
-    point.source.keyframe = measured ? 4 : -1;
-    cull_measurements(map_, config_.camera, point, meter_);
-    EXPECT_EQ(point.measurements.size(), 8);
-    bool kept = false;
-    for (const Measurement& m : point.measurements) kept = kept || m.keyframe == 4;
-    EXPECT_EQ(kept, measured);
+    const int point = add_point({0, 0, 1}, seen_by);
+    map_.set_weight(point, 4, 0);  // the least useful by far
+    MapAccess::point(map_, point).source.keyframe = measured ? 4 : -1;
+    cull_measurements(map_, point, config_.camera, meter_);
+    EXPECT_EQ(map_.points()[point].measurements.size(), 8);
+    EXPECT_EQ(measured_in(point, 4), measured);
   }
 }
 
@@ -306,8 +292,7 @@ TEST_F(CullingTest, VotesOfAMapCountedByHand) {
     add_keyframe({0.2f * std::cos(angle), 0.2f * std::sin(angle), 0});
   }
   const auto precise = [&](int index, const std::vector<float>& weights) {
-    for (size_t j = 0; j < weights.size(); ++j)
-      map_.points[index].measurements[static_cast<int>(j)].weight = weights[j];
+    for (size_t j = 0; j < weights.size(); ++j) map_.set_weight(index, static_cast<int>(j), weights[j]);
   };
   add_point({0, 0, 1}, {0, 1});                                                               // 0: 1/2, 1: 1/2
   precise(add_point({0, 0, 1}, {0, 2, 4}), {0.01f, 1, 0.1f});                                 // 2: 3/6, 4: 2/6, 0: 1/6
@@ -362,8 +347,8 @@ TEST_F(CullingTest, NeverSplitsTheMap) {
   EXPECT_NE(chosen, 4);
   EXPECT_NE(chosen, 6);
   // Fewer common points than the guard asks for are still a connection while there is no better one.
-  for (int i = 0, left = 2 * 6; i < map_.points.size() && left > 0; ++i)
-    if (map_.points[i].id != 0 && map_.points[i].measurements.size() == 2) map_.remove_point(i), --left;
+  for (int i = 0, left = 2 * 6; i < map_.points().size() && left > 0; ++i)
+    if (map_.points()[i].id != 0 && map_.points()[i].measurements.size() == 2) map_.remove_point(i), --left;
   EXPECT_NE(choose(), bridge);
   // With another way round it may go.
   for (int i = 0; i < kMinCommonPoints; ++i) add_point(random_point() + Vector3f(0.25f, 0, 0), {3, 7});
@@ -371,7 +356,7 @@ TEST_F(CullingTest, NeverSplitsTheMap) {
 }
 
 TEST_F(CullingTest, ADecisionIsCheapAndInSlices) {
-  Config config = Config::phone(config_.camera);
+  const Config config = Config::phone(config_.camera.model);
   // The map of the paper's figures: 35 keyframes, 300 points, 8 measurements each.
   struct Big : CullingTest {
     explicit Big(const Config& c) : CullingTest(c) {}
@@ -411,47 +396,47 @@ TEST_F(CullingTest, ErasingTakesMeasurementsAndPointsThatLoseTheirSecond) {
   const int other = add_point(random_point(), {0, 1});
   map_.erase_keyframe(2);
   expect_consistent();
-  EXPECT_EQ(map_.points[keeps].measurements.size(), 2);
-  EXPECT_EQ(map_.points[goes].id, 0u);
-  EXPECT_EQ(map_.points[other].measurements.size(), 2);
+  EXPECT_EQ(map_.points()[keeps].measurements.size(), 2);
+  EXPECT_EQ(map_.points()[goes].id, 0u);
+  EXPECT_EQ(map_.points()[other].measurements.size(), 2);
   EXPECT_EQ(map_.live_count(), 4);
   EXPECT_EQ(map_.erased_count(), 1);
 }
 
 TEST_F(CullingTest, ErasedKeyframesFollowTheirAnchors) {
   for (int k = 0; k < 5; ++k) add_keyframe({0.1f * static_cast<float>(k), 0, 0});
-  const SE3 before = map_.keyframes[2].T_kw;
+  const SE3 before = map_.keyframes()[2].T_kw;
   map_.erase_keyframe(2);
-  ASSERT_TRUE(map_.keyframes[2].anchor == 1 || map_.keyframes[2].anchor == 3);
-  const int anchor = map_.keyframes[2].anchor;
-  const SE3 relative = before * map_.keyframes[anchor].T_kw.inverse();
+  ASSERT_TRUE(map_.keyframes()[2].anchor == 1 || map_.keyframes()[2].anchor == 3);
+  const int anchor = map_.keyframes()[2].anchor;
+  const SE3 relative = before * map_.keyframes()[anchor].T_kw.inverse();
   Vector6f mu;
   mu << 0.3f, -0.2f, 0.1f, 0.2f, 0.1f, -0.3f;
-  map_.keyframes[anchor].T_kw = SE3::exp(mu) * map_.keyframes[anchor].T_kw;
+  map_.move_keyframe(anchor, SE3::exp(mu) * map_.keyframes()[anchor].T_kw);
   map_.follow_anchors();
   const auto expect_same = [&](const SE3& a, const SE3& b) {
     // Products of a few rotations and positions of order one: ten roundings of 6e-8.
     EXPECT_LT((a.R - b.R).norm(), 2e-6f);
     EXPECT_LT((a.t - b.t).norm(), 2e-6f);
   };
-  const SE3 after = relative * map_.keyframes[anchor].T_kw;
-  expect_same(map_.keyframes[2].T_kw, after);
-  EXPECT_GT((map_.keyframes[2].T_kw.t - before.t).norm(), 0.1f) << "it has moved";
+  const SE3 after = relative * map_.keyframes()[anchor].T_kw;
+  expect_same(map_.keyframes()[2].T_kw, after);
+  EXPECT_GT((map_.keyframes()[2].T_kw.t - before.t).norm(), 0.1f) << "it has moved";
   // Its anchor goes: it stays where it is, and follows another.
   map_.erase_keyframe(anchor);
-  expect_same(map_.keyframes[2].T_kw, after);
-  EXPECT_NE(map_.keyframes[2].anchor, anchor);
+  expect_same(map_.keyframes()[2].T_kw, after);
+  EXPECT_NE(map_.keyframes()[2].anchor, anchor);
   map_.follow_anchors();
-  expect_same(map_.keyframes[2].T_kw, after);
+  expect_same(map_.keyframes()[2].T_kw, after);
   // A change of coordinates, and what follows still fits.
   Similarity S;
   S.T = SE3::exp(mu);
   S.scale = 2.5f;
   map_.apply(S);
-  const SE3 moved = map_.keyframes[2].T_kw;
+  const SE3 moved = map_.keyframes()[2].T_kw;
   map_.follow_anchors();
-  EXPECT_LT((map_.keyframes[2].T_kw.t - moved.t).norm(), 1e-5f);
-  EXPECT_LT((map_.keyframes[2].T_kw.R - moved.R).norm(), 1e-5f);
+  EXPECT_LT((map_.keyframes()[2].T_kw.t - moved.t).norm(), 1e-5f);
+  EXPECT_LT((map_.keyframes()[2].T_kw.R - moved.R).norm(), 1e-5f);
   expect_consistent();
 }
 
@@ -470,7 +455,7 @@ class PaintedCullingTest : public CullingTest {
   }
   int add_painted(const Vector3f& centre) {
     const int index = add_keyframe(centre);
-    Keyframe& keyframe = map_.keyframes[index];
+    Keyframe& keyframe = MapAccess::keyframe(map_, index);
     const GreyImage& image = keyframe.storage.level[0];
     for (int y = 0; y < image.height; ++y) {
       for (int x = 0; x < image.width; ++x) {
@@ -485,10 +470,11 @@ class PaintedCullingTest : public CullingTest {
   // Where the point's patch is found in a keyframe, level-0 px off its projection; -1: not found.
   float patch_error_px(const MapPoint& point, int keyframe) {
     Vector2f px;
-    EXPECT_TRUE(config_.camera.project(map_.keyframes[keyframe].T_kw * point.p_w, &px));
-    FoundPatch found;
-    if (find_point(map_, config_.camera, point.source, point.p_w, map_.keyframes[keyframe].T_kw,
-                   map_.keyframes[keyframe].pyramid, px, SearchOptions(), meter_, &found) != SearchOutcome::kFound)
+    EXPECT_TRUE(config_.camera.project(map_.keyframes()[keyframe].T_kw * point.p_w, &px));
+    ImagePoint found;
+    const PatchFinder finder(map_, config_.camera, meter_);
+    if (finder.find(point.source, point.p_w, {px, map_.keyframes()[keyframe].T_kw}, map_.keyframes()[keyframe].pyramid,
+                    SearchOptions(), &found) != SearchOutcome::kFound)
       return -1;
     return (found.px - px).norm();
   }
@@ -509,8 +495,8 @@ TEST_F(PaintedCullingTest, ErasedKeyframesServePatchesAndRelocalisation) {
   expect_consistent();
   int found = 0;
   for (const int i : points) {
-    EXPECT_EQ(map_.points[i].source.keyframe, 2);
-    const float error = patch_error_px(map_.points[i], 4);
+    EXPECT_EQ(map_.points()[i].source.keyframe, 2);
+    const float error = patch_error_px(map_.points()[i], 4);
     found += error >= 0;
     // Rendered to one grey level, patches of contrast 25 and more: [tests/kernels] a tenth of a pixel of level 1.
     EXPECT_LT(error, 0.5f) << i;
@@ -518,13 +504,13 @@ TEST_F(PaintedCullingTest, ErasedKeyframesServePatchesAndRelocalisation) {
   EXPECT_GE(found, 15);
   // Seen from where the erased one stood: it is the best match, and its pose comes back.
   Arena measure;
-  const FullFrameRotation measured(measure, config_.camera);
+  const FullFrameRotation measured(measure, config_.camera.model);
   std::vector<std::max_align_t> memory(measure.used() / sizeof(std::max_align_t) + 1);
   Arena arena(std::as_writable_bytes(std::span(memory)));
-  FullFrameRotation rotation(arena, config_.camera);
-  const RelocalisationCandidate candidate = propose_pose(map_, rotation, map_.keyframes[2].small, 0, meter_);
+  FullFrameRotation rotation(arena, config_.camera.model);
+  const RelocalisationCandidate candidate = propose_pose(map_, rotation, map_.keyframes()[2].small, 0, meter_);
   EXPECT_EQ(candidate.keyframe, 2);
-  EXPECT_LT((candidate.T_cw.t - map_.keyframes[2].T_kw.t).norm(), 1e-3f);
+  EXPECT_LT((candidate.T_cw.t - map_.keyframes()[2].T_kw.t).norm(), 1e-3f);
 }
 
 TEST_F(PaintedCullingTest, ForgettingGivesPointsAnotherSource) {
@@ -535,22 +521,22 @@ TEST_F(PaintedCullingTest, ForgettingGivesPointsAnotherSource) {
                        1);
     points.push_back(add_point(p_w, {2, 1, 3}));
   }
-  const int partial = map_.add_partial_point();
-  map_.partial_points[partial].source.keyframe = 2;
-  const int other_partial = map_.add_partial_point();
-  map_.partial_points[other_partial].source.keyframe = 1;
+  const auto add_partial = [&](int16_t k) {
+    return map_.add_partial_point({k, Vector2f::Zero(), -Vector3f::UnitZ()}, Vector3f::UnitZ(), 1);
+  };
+  const int partial = add_partial(2), other_partial = add_partial(1);
   uint32_t ids[5];
-  for (int k = 0; k < 5; ++k) ids[k] = map_.keyframes[k].id;
+  for (int k = 0; k < 5; ++k) ids[k] = map_.keyframes()[k].id;
 
   map_.erase_keyframe(2);
-  EXPECT_NE(map_.partial_points[partial].id, 0u) << "its patch is still there";
+  EXPECT_NE(map_.partial_points()[partial].id, 0u) << "its patch is still there";
   map_.forget_keyframe(2);
   expect_consistent();
-  EXPECT_EQ(map_.partial_points[partial].id, 0u);
-  EXPECT_NE(map_.partial_points[other_partial].id, 0u);
+  EXPECT_EQ(map_.partial_points()[partial].id, 0u);
+  EXPECT_NE(map_.partial_points()[other_partial].id, 0u);
   int found = 0;
   for (const int i : points) {
-    const MapPoint& point = map_.points[i];
+    const MapPoint& point = map_.points()[i];
     ASSERT_NE(point.id, 0u);
     EXPECT_TRUE(point.source.keyframe == 1 || point.source.keyframe == 3);
     EXPECT_LT((point.source.normal - Vector3f(0, 0, -1)).norm(), 1e-6f) << "the same plane";
@@ -560,10 +546,10 @@ TEST_F(PaintedCullingTest, ForgettingGivesPointsAnotherSource) {
   }
   EXPECT_GE(found, 15);
   // The slot is free, the others are where they were.
-  for (int k = 0; k < 5; ++k) EXPECT_EQ(map_.keyframes[k].id, k == 2 ? 0 : ids[k]);
+  for (int k = 0; k < 5; ++k) EXPECT_EQ(map_.keyframes()[k].id, k == 2 ? 0 : ids[k]);
   EXPECT_EQ(map_.live_count(), 4);
   EXPECT_EQ(add_painted({0.3f, 0, 0}), 2);
-  EXPECT_GT(map_.keyframes[2].id, ids[4]) << "an id is never used again";
+  EXPECT_GT(map_.keyframes()[2].id, ids[4]) << "an id is never used again";
 }
 
 TEST_F(CullingTest, ErasedOnesAreBounded) {
@@ -571,16 +557,16 @@ TEST_F(CullingTest, ErasedOnesAreBounded) {
   add_keyframe({0.061f, 0, 0});  // 9: nearly where 3 stands
   for (int i = 0; i < 20; ++i) add_point(random_point(), {0, 1, 2, 4, 5, 6, 7, 8});
   // Two are kept; of the third erasure on, the one whose view another keyframe has too is forgotten.
-  uint32_t id3 = map_.keyframes[3].id;
+  uint32_t id3 = map_.keyframes()[3].id;
   erase(3);
   erase(5);
   EXPECT_EQ(map_.erased_count(), 2);
-  EXPECT_EQ(map_.keyframes[3].id, id3);
+  EXPECT_EQ(map_.keyframes()[3].id, id3);
   erase(7);
   EXPECT_EQ(map_.erased_count(), config_.max_erased_keyframes);
-  EXPECT_EQ(map_.keyframes[3].id, 0u);
-  EXPECT_TRUE(map_.keyframes[5].erased);
-  EXPECT_TRUE(map_.keyframes[7].erased);
+  EXPECT_EQ(map_.keyframes()[3].id, 0u);
+  EXPECT_TRUE(map_.keyframes()[5].erased);
+  EXPECT_TRUE(map_.keyframes()[7].erased);
   expect_consistent();
 }
 
@@ -589,9 +575,9 @@ TEST_F(CullingTest, AnyHistoryLeavesAConsistentMap) {
   add_keyframe({0, 0, 0});
   for (int step = 0; step < test::trials(400); ++step) {
     std::vector<int> live, erased;
-    for (int k = 0; k < map_.keyframes.size(); ++k) {
-      if (map_.keyframes[k].live()) live.push_back(k);
-      if (map_.keyframes[k].id != 0 && map_.keyframes[k].erased) erased.push_back(k);
+    for (int k = 0; k < map_.keyframes().size(); ++k) {
+      if (map_.keyframes()[k].live()) live.push_back(k);
+      if (map_.keyframes()[k].id != 0 && map_.keyframes()[k].erased) erased.push_back(k);
     }
     const auto any = [&](const std::vector<int>& of) {
       return of[static_cast<size_t>(random_.integer(0, static_cast<int>(of.size()) - 1))];
@@ -601,29 +587,30 @@ TEST_F(CullingTest, AnyHistoryLeavesAConsistentMap) {
       const int k = add_keyframe(
           {static_cast<float>(random_.uniform(-0.1, 0.1)), static_cast<float>(random_.uniform(-0.1, 0.1)), 0});
       ASSERT_GE(k, 0);
-      for (MapPoint& point : map_.points) {
+      for (int i = 0; i < map_.points().size(); ++i) {
+        const MapPoint& point = map_.points()[i];
         if (point.id == 0 || random_.uniform(0, 1) < 0.5) continue;
         Measurement m;
         m.keyframe = static_cast<int16_t>(k);
-        m.sigma = 2;
-        if (!config_.camera.project(map_.keyframes[k].T_kw * point.p_w, &m.px)) continue;
-        point.measurements.push_back(m);
-        cull_measurements(map_, config_.camera, point, meter_);
+        if (!config_.camera.project(map_.keyframes()[k].T_kw * point.p_w, &m.at.px)) continue;
+        map_.add_measurement(i, m);
+        cull_measurements(map_, i, config_.camera, meter_);
       }
     } else if (what == 1 && live.size() >= 2) {
       const int a = any(live), b = any(live);
       if (a != b && map_.point_count() < config_.max_map_points) add_point(random_point(), {a, b});
     } else if (what == 2) {
-      const int slot = map_.point_count() > 0 ? map_.add_partial_point() : -1;
-      if (slot >= 0)
-        map_.partial_points[slot].source.keyframe = static_cast<int16_t>(any(erased.empty() ? live : erased));
+      if (map_.point_count() > 0)
+        map_.add_partial_point(
+            {static_cast<int16_t>(any(erased.empty() ? live : erased)), Vector2f::Zero(), -Vector3f::UnitZ()},
+            Vector3f::UnitZ(), 1);
     } else if (live.size() > 8) {
       int k = any(live);
       if (k == 0) k = live.back();
       erase(k);
     }
     expect_consistent();
-    ASSERT_TRUE(map_.keyframes[0].live());
+    ASSERT_TRUE(map_.keyframes()[0].live());
     ASSERT_LE(map_.erased_count(), config_.max_erased_keyframes);
     if (HasFailure()) break;
   }

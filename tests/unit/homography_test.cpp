@@ -3,7 +3,9 @@
 
 #include <gtest/gtest.h>
 
-#include <Eigen/Dense>
+#include <Eigen/Cholesky>
+#include <Eigen/Geometry>
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
@@ -78,6 +80,69 @@ Scene random_scene(test::Random& random, double slant, double baseline, double m
   return scene;
 }
 
+// Of a symmetric matrix, ascending: Jacobi rotations until nothing is left beside the diagonal. Eigen's own take
+// the compiler three seconds for each size.
+std::vector<double> eigenvalues(Eigen::MatrixXd A) {
+  const Eigen::Index n = A.rows();
+  for (int sweep = 0; sweep < 30; ++sweep) {
+    for (Eigen::Index p = 0; p < n; ++p) {
+      for (Eigen::Index q = p + 1; q < n; ++q) {
+        const double angle = 0.5 * std::atan2(2 * A(p, q), A(q, q) - A(p, p));
+        const double c = std::cos(angle), s = std::sin(angle);
+        for (Eigen::Index i = 0; i < n; ++i) {
+          const double x = A(i, p), y = A(i, q);
+          A(i, p) = c * x - s * y;
+          A(i, q) = s * x + c * y;
+        }
+        for (Eigen::Index i = 0; i < n; ++i) {
+          const double x = A(p, i), y = A(q, i);
+          A(p, i) = c * x - s * y;
+          A(q, i) = s * x + c * y;
+        }
+      }
+    }
+  }
+  std::vector<double> values(A.diagonal().begin(), A.diagonal().end());
+  std::sort(values.begin(), values.end());
+  return values;
+}
+
+// Descending.
+std::vector<double> singular_values(const Eigen::Matrix3d& H) {
+  std::vector<double> values = eigenvalues(H.transpose() * H);
+  for (double& value : values) value = std::sqrt(value);
+  return {values.rbegin(), values.rend()};
+}
+
+// Of eight unknowns; the compiler takes a minute to unroll matrices of fixed size.
+using Unknowns = Eigen::VectorXd;
+using Information = Eigen::MatrixXd;
+
+TEST(TheTestsOwnEigenvalues, AreThoseThatAMatrixWasMadeOf) {
+  test::Random random;
+  for (int trial = 0; trial < 50; ++trial) {
+    // Reflected by random planes: Q diag Q^T.
+    std::vector<double> made;
+    Information A = Information::Zero(8, 8);
+    for (int i = 0; i < 8; ++i) {
+      made.push_back(std::exp(random.uniform(-10, 3)));
+      A(i, i) = made.back();
+    }
+    for (int k = 0; k < 8; ++k) {
+      Unknowns v(8);
+      for (double& x : v) x = random.gaussian();
+      const Unknowns Av = A.lazyProduct(v) * (2 / v.squaredNorm());
+      const double vAv = v.dot(Av) * (2 / v.squaredNorm());
+      for (int i = 0; i < 8; ++i)
+        for (int j = 0; j < 8; ++j) A(i, j) += vAv * v[i] * v[j] - Av[i] * v[j] - v[i] * Av[j];
+    }
+    std::sort(made.begin(), made.end());
+    const std::vector<double> found = eigenvalues(A);
+    // A hundred roundings of the largest.
+    for (size_t i = 0; i < 8; ++i) EXPECT_NEAR(found[i], made[i], 100 * 2.2e-16 * made[7]) << i;
+  }
+}
+
 struct Tolerance {
   double normal;
   double translation;
@@ -93,10 +158,11 @@ constexpr double kRounding = 2e-6;
 // in delta or kRounding, by the square root of that over g. The other pair adds delta / g. R and t follow from the
 // normal through t n^T, |t| at most about g.
 Tolerance tolerance_of(const Eigen::Matrix3d& H, double delta) {
-  Eigen::Vector3d d = Eigen::JacobiSVD<Eigen::Matrix3d>(H).singularValues();
-  d /= d(1);
-  const double g = d(0) * d(0) - d(2) * d(2);
-  const double s = std::min(d(0) * d(0) - 1, 1 - d(2) * d(2));
+  std::vector<double> d = singular_values(H);
+  const double middle = d[1];
+  for (double& value : d) value /= middle;
+  const double g = d[0] * d[0] - d[2] * d[2];
+  const double s = std::min(d[0] * d[0] - 1, 1 - d[2] * d[2]);
   const double lost = delta + kRounding;
   const double turn = delta / g + (s < 2 * lost ? std::sqrt(2 * lost / g) : 1.5 * delta / std::sqrt(s * g));
   return {turn, delta + g * turn, delta + g * turn};
@@ -139,7 +205,7 @@ TEST(Homography, TheTrueMotionIsAlwaysAmongTheSolutions) {
     EXPECT_LT(found, 1.0) << i << " normal tolerance " << tolerance.normal;
     two += d.count == 2;
     // Every solution, the false one too, explains H and is a rotation, a unit normal, a plane in front.
-    const Eigen::Matrix3d H = scene.H() / Eigen::JacobiSVD<Eigen::Matrix3d>(scene.H()).singularValues()(1);
+    const Eigen::Matrix3d H = scene.H() / singular_values(scene.H())[1];
     for (int k = 0; k < d.count; ++k) {
       const PlaneMotion& solution = d.solutions[k];
       const Eigen::Matrix3d again = (solution.T_21.R + solution.T_21.t * solution.n_1.transpose()).cast<double>();
@@ -374,10 +440,10 @@ TEST(Homography, SL3JacobianMatchesCentralDifferences) {
 }
 
 // The 8x8 information in double precision, its Jacobian by central differences of the projections.
-Eigen::Matrix<double, 8, 8> information_double(const Scene& scene) {
+Information information_double(const Scene& scene) {
   const Eigen::Vector3d tangent_1 = scene.n.unitOrthogonal();
   const Eigen::Vector3d tangent_2 = scene.n.cross(tangent_1);
-  Eigen::Matrix<double, 8, 8> information = Eigen::Matrix<double, 8, 8>::Zero();
+  Information information = Information::Zero(8, 8);
   for (const Vector2f& x : scene.points) {
     const auto project = [&](int k, double h) {
       Scene moved = scene;
@@ -387,9 +453,9 @@ Eigen::Matrix<double, 8, 8> information_double(const Scene& scene) {
       if (k == 7) moved.n = Eigen::AngleAxisd(h, scene.n.cross(tangent_2)).toRotationMatrix() * scene.n;
       return Eigen::Vector2d((moved.H() * x.cast<double>().homogeneous()).hnormalized());
     };
-    Eigen::Matrix<double, 2, 8> J;
+    Eigen::Matrix2Xd J(2, 8);
     for (int k = 0; k < 8; ++k) J.col(k) = (project(k, 1e-6) - project(k, -1e-6)) / 2e-6;
-    information += J.transpose() * J;
+    information += J.transpose().lazyProduct(J);
   }
   return information;
 }
@@ -401,23 +467,24 @@ TEST(DecompositionQuality, MatchesDoublePrecision) {
     const double baseline = 0.03 * std::pow(17.0, random.uniform(0, 1));
     const Scene scene = random_scene(random, random.uniform(0, 60) * kDegree, baseline, 20 * kDegree, 30);
     const double sigma = 1 / kFocal;
-    const Eigen::Matrix<double, 8, 8> A = information_double(scene);
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 8, 8>> eigen(A);
-    const Eigen::Matrix2d covariance = A.inverse().bottomRightCorner<2, 2>();
-    const double expected =
-        std::min(static_cast<double>(DecompositionQuality().sigma_n_rad),
-                 sigma * std::sqrt(Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(covariance).eigenvalues()(1)));
-    const Eigen::Matrix<double, 8, 1> unit = A.diagonal().cwiseSqrt().cwiseInverse();
-    const Eigen::Matrix<double, 8, 8> scaled = unit.asDiagonal() * A * unit.asDiagonal();
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 8, 8>> scaled_eigen(scaled);
-    const double condition = scaled_eigen.eigenvalues()(7) / scaled_eigen.eigenvalues()(0);
+    const Information A = information_double(scene);
+    const std::vector<double> eigen = eigenvalues(A);
+    // The inverse's lower right corner.
+    const Information last_two = A.ldlt().solve(Information::Identity(8, 8).rightCols(2));
+    const Information covariance = last_two.bottomRows(2);
+    const double expected = std::min(static_cast<double>(DecompositionQuality().sigma_n_rad),
+                                     sigma * std::sqrt(eigenvalues(covariance)[1]));
+    const Unknowns unit = A.diagonal().cwiseSqrt().cwiseInverse();
+    const Information scaled = unit.asDiagonal() * A * unit.asDiagonal();
+    const std::vector<double> scaled_eigen = eigenvalues(scaled);
+    const double condition = scaled_eigen[7] / scaled_eigen[0];
     // Relative error of a float32 eigenvalue: its roundings (some 8 effective) times the condition number of the
     // matrix scaled to a unit diagonal. Beyond 1e5 (motion towards the plane) float32 only says "badly".
     if (condition > 1e5) continue;
     const double tolerance = 8 * kEps * condition + 1e-4;
     const DecompositionQuality quality = decomposition_quality(scene.motion(), scene.points, static_cast<float>(sigma));
     EXPECT_NEAR(quality.sigma_n_rad / expected, 1.0, tolerance) << condition;
-    EXPECT_NEAR(quality.eigenvalue_ratio / (eigen.eigenvalues()(0) / eigen.eigenvalues()(7)), 1.0, tolerance);
+    EXPECT_NEAR(quality.eigenvalue_ratio / (eigen[0] / eigen[7]), 1.0, tolerance);
     worst = std::max(worst, std::fabs(static_cast<double>(quality.sigma_n_rad) / expected - 1));
   }
   RecordProperty("worst_relative", std::to_string(worst));
@@ -494,13 +561,13 @@ TEST(DecompositionQuality, PromisesTheScatterOfFittedNormals) {
       }
       Matrix3f H = scene.H().cast<float>();
       for (int step = 0; step < 4; ++step) {
-        Eigen::Matrix<double, 8, 8> A = Eigen::Matrix<double, 8, 8>::Zero();
-        Eigen::Matrix<double, 8, 1> b = Eigen::Matrix<double, 8, 1>::Zero();
+        Information A = Information::Zero(8, 8);
+        Unknowns b = Unknowns::Zero(8);
         for (size_t k = 0; k < measured.size(); ++k) {
           const Vector2f y = apply_homography(H, scene.points[k]);
-          const Eigen::Matrix<double, 2, 8> J = homography_sl3_jacobian(y).cast<double>();
-          A += J.transpose() * J;
-          b += J.transpose() * (measured[k] - y).cast<double>();
+          const Eigen::Matrix2Xd J = homography_sl3_jacobian(y).cast<double>();
+          A += J.transpose().lazyProduct(J);
+          b += J.transpose().lazyProduct((measured[k] - y).cast<double>());
         }
         const Vector8f update = A.ldlt().solve(b).cast<float>();
         H = sl3_exp(update) * H;
@@ -518,7 +585,7 @@ TEST(DecompositionQuality, PromisesTheScatterOfFittedNormals) {
       ASSERT_LT(best, 1.0);
       scatter += error * error.transpose() / trials;
     }
-    const double measured_sigma = std::sqrt(Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(scatter).eigenvalues()(2));
+    const double measured_sigma = std::sqrt(eigenvalues(scatter)[2]);
     const double promised =
         static_cast<double>(decomposition_quality(scene.motion(), scene.points, static_cast<float>(sigma)).sigma_n_rad);
     // The standard deviation of a scatter of 600 is 1/sqrt(1200) = 2.9 %; four of them, and curvature of a few per

@@ -10,7 +10,7 @@
 #include <memory>
 #include <vector>
 
-#include "camera/pose_update.h"
+#include "tests/support/map_building.h"
 #include "tests/support/phone_camera.h"
 #include "tests/support/random.h"
 
@@ -24,6 +24,8 @@ Config small_config() {
   config.max_partial_points = 5;
   return config;
 }
+
+const PatchSource kFromTheFirst = {0, Vector2f::Zero(), -Vector3f::UnitZ()};  // keyframe
 
 class MapTest : public ::testing::Test {
  protected:
@@ -47,34 +49,14 @@ class MapTest : public ::testing::Test {
     return mu;
   }
 
-  int add_keyframe(const SE3& T_kw) {
-    map_.queued = 1;
-    KeyframeCandidate& candidate = map_.queue[0];
-    candidate.frame.T_kw = T_kw;
-    candidate.frame.mean_depth = 1;
-    const int index = map_.add_keyframe(candidate);
-    map_.pop_queue();
-    return index;
-  }
-
   // Points one unit in front of cameras that all look at them.
   void fill(int keyframes, int points) {
-    for (int k = 0; k < keyframes; ++k) ASSERT_EQ(add_keyframe(SE3::exp(random_twist(0.06, 0.03))), k);
+    for (int k = 0; k < keyframes; ++k) ASSERT_EQ(test::add_keyframe(map_, SE3::exp(random_twist(0.06, 0.03))), k);
     for (int i = 0; i < points; ++i) {
-      const int index = map_.add_point();
-      ASSERT_EQ(index, i);
-      MapPoint& point = map_.points[index];
-      point.p_w =
-          Vector3f(static_cast<float>(random_.uniform(-0.15, 0.15)), static_cast<float>(random_.uniform(-0.2, 0.2)),
-                   static_cast<float>(random_.uniform(0.8, 1.2)));
-      point.source.keyframe = 0;
-      for (int k = 0; k < keyframes && !point.measurements.full(); ++k) {
-        Measurement m;
-        m.keyframe = static_cast<int16_t>(k);
-        m.sigma = 2;
-        ASSERT_TRUE(config_.camera.project(map_.keyframes[k].T_kw * point.p_w, &m.px));
-        point.measurements.push_back(m);
-      }
+      const Vector3f p_w(static_cast<float>(random_.uniform(-0.15, 0.15)),
+                         static_cast<float>(random_.uniform(-0.2, 0.2)), static_cast<float>(random_.uniform(0.8, 1.2)));
+      ASSERT_EQ(map_.add_point(p_w, kFromTheFirst), i);
+      for (int k = 0; k < keyframes; ++k) map_.add_measurement(i, test::measure_exactly(map_, config_.camera, k, p_w));
     }
   }
 
@@ -87,45 +69,46 @@ class MapTest : public ::testing::Test {
 
 TEST_F(MapTest, ChangeOfCoordinatesKeepsTheImages) {
   fill(4, 20);
-  const int slot = map_.add_partial_point();
+  const int slot = map_.add_partial_point({1, Vector2f::Zero(), -Vector3f::UnitZ()}, Vector3f(0.1f, -0.05f, 1), 0.9f);
   ASSERT_GE(slot, 0);
-  PartialPoint& partial = map_.partial_points[slot];
-  partial.source.keyframe = 1;
-  partial.ray = Vector3f(0.1f, -0.05f, 1);
-  partial.inverse_depth = 0.9f;
-  partial.information = 25;
-  map_.keyframes[2].velocity = random_twist(0.2, 0.5);
-  map_.queued = 1;
-  map_.queue[0].frame.T_kw = SE3::exp(random_twist(0.06, 0.03));
+  map_.set_depth(slot, 0.9f, 25);
+  const PartialPoint& partial = map_.partial_points()[slot];
+  map_.set_velocity(2, random_twist(0.2, 0.5));
+  // One keyframe waits, another one is held.
+  map_.queue().hold().frame.T_kw = SE3::exp(random_twist(0.06, 0.03));
+  map_.queue().release();
+  map_.queue().hold().frame.T_kw = SE3::exp(random_twist(0.06, 0.03));
 
   // Everything that the map can show: pixels of points, of moving keyframes and of partial points.
   const auto images = [&](const Map& map, const std::vector<Vector3f>& points) {
     std::vector<Vector2f> all;
     Vector2f px;
     for (const Vector3f& p : points) {
-      for (const Keyframe& k : map.keyframes) {
+      for (const Keyframe& k : map.keyframes()) {
         EXPECT_TRUE(config_.camera.project(k.T_kw * p, &px));
         all.push_back(px);
         EXPECT_TRUE(config_.camera.project(pose_at(k.T_kw, k.velocity, 0.03f) * p, &px));
         all.push_back(px);
       }
-      EXPECT_TRUE(config_.camera.project(map.queue[0].frame.T_kw * p, &px));
-      all.push_back(px);
+      for (const KeyframeCandidate& candidate : map.queue().all()) {
+        EXPECT_TRUE(config_.camera.project(candidate.frame.T_kw * p, &px));
+        all.push_back(px);
+      }
     }
-    const Vector3f p_w = map.keyframes[1].T_kw.inverse() * Vector3f(partial.ray / partial.inverse_depth);
-    EXPECT_TRUE(config_.camera.project(map.keyframes[2].T_kw * p_w, &px));
+    const Vector3f p_w = map.keyframes()[1].T_kw.inverse() * Vector3f(partial.ray / partial.inverse_depth);
+    EXPECT_TRUE(config_.camera.project(map.keyframes()[2].T_kw * p_w, &px));
     all.push_back(px);
     return all;
   };
   const auto positions = [&] {
     std::vector<Vector3f> all;
-    for (const MapPoint& point : map_.points)
+    for (const MapPoint& point : map_.points())
       if (point.id != 0) all.push_back(point.p_w);
     return all;
   };
   const std::vector<Vector2f> before = images(map_, positions());
   const float relative_sigma = 1 / (std::sqrt(partial.information) * partial.inverse_depth);
-  const float relative_depth = map_.keyframes[0].mean_depth / map_.keyframes[0].T_kw.t.norm();
+  const float relative_depth = map_.keyframes()[0].mean_depth / map_.keyframes()[0].T_kw.t.norm();
 
   Similarity S;
   S.T = SE3::exp(random_twist(0.5, 0.8));
@@ -138,11 +121,11 @@ TEST_F(MapTest, ChangeOfCoordinatesKeepsTheImages) {
   const std::vector<Vector2f> after = images(map_, positions());
   for (size_t i = 0; i < before.size(); ++i) EXPECT_LT((after[i] - before[i]).norm(), tolerance_px) << i;
   EXPECT_NEAR(1 / (std::sqrt(partial.information) * partial.inverse_depth), relative_sigma, 1e-6f);
-  EXPECT_NEAR(
-      map_.keyframes[0].mean_depth / (map_.keyframes[0].T_kw.t + S.scale * (map_.keyframes[0].T_kw.R * S.T.t)).norm(),
-      relative_depth, 1e-4f * relative_depth);
+  const Keyframe& first = map_.keyframes()[0];
+  EXPECT_NEAR(first.mean_depth / (first.T_kw.t + S.scale * (first.T_kw.R * S.T.t)).norm(), relative_depth,
+              1e-4f * relative_depth);
   // The same change with a scale that is off by a hundredth would show in the moving keyframe.
-  map_.keyframes[2].velocity.head<3>() *= 1.01f;
+  MapAccess::keyframe(map_, 2).velocity.head<3>() *= 1.01f;
   const std::vector<Vector2f> wrong = images(map_, positions());
   double worst = 0;
   for (size_t i = 0; i < before.size(); ++i) worst = std::max<double>(worst, (wrong[i] - before[i]).norm());
@@ -152,7 +135,7 @@ TEST_F(MapTest, ChangeOfCoordinatesKeepsTheImages) {
 TEST_F(MapTest, ChangesOfCoordinatesAddUpUntilTheyAreTaken) {
   fill(2, 10);
   std::vector<Vector3f> before;
-  for (const MapPoint& point : map_.points)
+  for (const MapPoint& point : map_.points())
     if (point.id != 0) before.push_back(point.p_w);
   Similarity S, first, second;
   EXPECT_FALSE(map_.take_transform(&S));
@@ -168,7 +151,7 @@ TEST_F(MapTest, ChangesOfCoordinatesAddUpUntilTheyAreTaken) {
   const float tolerance = 12 * 4 * 6e-8f;
   float worst_last = 0;
   for (size_t i = 0; i < before.size(); ++i) {
-    const Vector3f& after = map_.points[static_cast<int>(i)].p_w;
+    const Vector3f& after = map_.points()[static_cast<int>(i)].p_w;
     EXPECT_LT((S * before[i] - after).norm(), tolerance);
     worst_last = std::max(worst_last, (second * before[i] - after).norm());
   }
@@ -180,21 +163,19 @@ TEST_F(MapTest, ChangesOfCoordinatesAddUpUntilTheyAreTaken) {
 
 TEST_F(MapTest, ScalesThatLeaveTheUsableNumbersAreKnown) {
   fill(2, 10);
-  EXPECT_TRUE(map_.can_scale(1));
-  EXPECT_TRUE(map_.can_scale(1e7f));
-  EXPECT_TRUE(map_.can_scale(1e-7f));
+  EXPECT_TRUE(map_.can_change_scale(1));
+  EXPECT_TRUE(map_.can_change_scale(1e7f));
+  EXPECT_TRUE(map_.can_change_scale(1e-7f));
   // Points at a distance of about 1, a mean depth of 1.
-  EXPECT_FALSE(map_.can_scale(2e8f));
-  EXPECT_FALSE(map_.can_scale(0.5e-8f));
-  map_.keyframes[1].velocity[2] = 1000;
-  EXPECT_FALSE(map_.can_scale(1e7f)) << "a speed of 1e10";
-  map_.keyframes[1].velocity[2] = 0;
-  PartialPoint& partial = map_.partial_points[map_.add_partial_point()];
-  partial.inverse_depth = 100;
-  EXPECT_FALSE(map_.can_scale(1e-7f)) << "an inverse depth of 1e9";
-  partial.inverse_depth = 1;
-  partial.information = 1e20f;
-  EXPECT_FALSE(map_.can_scale(1e7f)) << "an information of 1e34";
+  EXPECT_FALSE(map_.can_change_scale(2e8f));
+  EXPECT_FALSE(map_.can_change_scale(0.5e-8f));
+  MapAccess::keyframe(map_, 1).velocity[2] = 1000;
+  EXPECT_FALSE(map_.can_change_scale(1e7f)) << "a speed of 1e10";
+  MapAccess::keyframe(map_, 1).velocity[2] = 0;
+  const int slot = map_.add_partial_point(kFromTheFirst, Vector3f::UnitZ(), 100);
+  EXPECT_FALSE(map_.can_change_scale(1e-7f)) << "an inverse depth of 1e9";
+  map_.set_depth(slot, 1, 1e20f);
+  EXPECT_FALSE(map_.can_change_scale(1e7f)) << "an information of 1e34";
 }
 
 TEST_F(MapTest, HashSeesEveryBit) {
@@ -211,15 +192,15 @@ TEST_F(MapTest, HashSeesEveryBit) {
     }
     std::memcpy(&value, &bits, 4);
   };
-  flip(map_.keyframes[1].T_kw.R(2, 1), "rotation");
-  flip(map_.keyframes[2].T_kw.t.z(), "translation");
-  flip(map_.points[9].p_w.y(), "position");
-  flip(map_.points[3].measurements[2].px.x(), "measurement");
-  map_.points[3].measurements[2].keyframe = 0;
+  flip(MapAccess::keyframe(map_, 1).T_kw.R(2, 1), "rotation");
+  flip(MapAccess::keyframe(map_, 2).T_kw.t.z(), "translation");
+  flip(MapAccess::point(map_, 9).p_w.y(), "position");
+  flip(MapAccess::measurement(map_, 3, 2).at.px.x(), "measurement");
+  MapAccess::measurement(map_, 3, 2).keyframe = 0;
   EXPECT_NE(map_.hash(), hash);
-  map_.points[3].measurements[2].keyframe = 2;
+  MapAccess::measurement(map_, 3, 2).keyframe = 2;
   EXPECT_EQ(map_.hash(), hash);
-  map_.points[4].measurements.erase_at(1);
+  map_.remove_measurement(4, 1);
   EXPECT_NE(map_.hash(), hash);
   map_.remove_point(7);
   const uint64_t without = map_.hash();
@@ -228,81 +209,115 @@ TEST_F(MapTest, HashSeesEveryBit) {
 }
 
 TEST_F(MapTest, FullPoolsSayWhichOne) {
-  EXPECT_EQ(map_.limits_hit, 0u);
+  EXPECT_EQ(map_.limits_hit(), 0u);
   fill(2, config_.max_map_points);
   EXPECT_EQ(map_.point_count(), config_.max_map_points);
-  EXPECT_EQ(map_.limits_hit, 0u);
-  EXPECT_EQ(map_.add_point(), -1);
-  EXPECT_EQ(map_.limits_hit, static_cast<uint32_t>(kLimitMapPoints));
-  const uint32_t id = map_.points[5].id;
+  EXPECT_EQ(map_.limits_hit(), 0u);
+  EXPECT_EQ(map_.add_point(Vector3f::Zero(), kFromTheFirst), -1);
+  EXPECT_EQ(map_.limits_hit(), static_cast<uint32_t>(kLimitMapPoints));
+  const uint32_t id = map_.points()[5].id;
   map_.remove_point(5);
-  EXPECT_EQ(map_.add_point(), 5) << "a free slot is used again";
-  EXPECT_GT(map_.points[5].id, id) << "an id never";
-  EXPECT_EQ(map_.points[5].measurements.size(), 0);
+  EXPECT_EQ(map_.add_point(Vector3f::Zero(), kFromTheFirst), 5) << "a free slot is used again";
+  EXPECT_GT(map_.points()[5].id, id) << "an id never";
+  EXPECT_EQ(map_.points()[5].measurements.size(), 0);
 
-  for (int i = 0; i < config_.max_partial_points; ++i) EXPECT_EQ(map_.add_partial_point(), i);
-  EXPECT_EQ(map_.add_partial_point(), -1);
-  EXPECT_EQ(map_.limits_hit, kLimitMapPoints | kLimitPartialPoints);
+  const auto add_partial_point = [&] { return map_.add_partial_point(kFromTheFirst, Vector3f::UnitZ(), 1); };
+  for (int i = 0; i < config_.max_partial_points; ++i) EXPECT_EQ(add_partial_point(), i);
+  EXPECT_EQ(add_partial_point(), -1);
+  EXPECT_EQ(map_.limits_hit(), kLimitMapPoints | kLimitPartialPoints);
 
-  for (int k = map_.keyframes.size(); k < map_.keyframes.capacity(); ++k) EXPECT_EQ(add_keyframe(SE3()), k);
-  EXPECT_EQ(add_keyframe(SE3()), -1);
-  EXPECT_EQ(map_.limits_hit, kLimitMapPoints | kLimitPartialPoints | kLimitKeyframes);
+  for (int k = map_.keyframes().size(); k < map_.keyframes().capacity(); ++k)
+    EXPECT_EQ(test::add_keyframe(map_, SE3()), k);
+  EXPECT_FALSE(map_.full());
+  EXPECT_EQ(test::add_keyframe(map_, SE3()), -1);
+  EXPECT_TRUE(map_.full());
+  EXPECT_EQ(map_.limits_hit(), kLimitMapPoints | kLimitPartialPoints | kLimitKeyframes);
 
-  const uint32_t epoch = map_.epoch;
-  const uint32_t next_id = map_.next_id;
+  const uint32_t epoch = map_.epoch();
+  const uint32_t next_id = MapAccess::next_id(map_);
   map_.clear();
-  EXPECT_EQ(map_.epoch, epoch + 1);
-  EXPECT_EQ(map_.limits_hit, 0u);
+  EXPECT_EQ(map_.epoch(), epoch + 1);
+  EXPECT_EQ(map_.limits_hit(), 0u);
   EXPECT_EQ(map_.point_count(), 0);
   EXPECT_FALSE(map_.exists());
-  EXPECT_FALSE(map_.ready);
-  EXPECT_EQ(map_.next_id, next_id);
+  EXPECT_FALSE(map_.ready());
+  EXPECT_FALSE(map_.full());
+  EXPECT_EQ(MapAccess::next_id(map_), next_id);
+}
+
+// What a full pool of measurements refuses is all that is lost.
+TEST_F(MapTest, AFullMeasurementPoolSaysSo) {
+  config_.max_measurements = 50;
+  test::Block block([&](Arena& arena) { map_ = Map(arena, config_); });
+  fill(5, 10);
+  EXPECT_EQ(map_.limits_hit(), 0u);
+  const int keyframe = test::add_keyframe(map_, SE3::exp(random_twist(0.06, 0.03)));
+  const uint64_t hash = map_.hash();
+  const auto measure = [&](int i) {
+    return test::measure_exactly(map_, config_.camera, keyframe, map_.points()[i].p_w);
+  };
+  for (int i = 0; i < 10; ++i) {
+    map_.add_measurement(i, measure(i));
+    EXPECT_EQ(map_.limits_hit(), static_cast<uint32_t>(kLimitMeasurements)) << i;
+    EXPECT_EQ(map_.points()[i].measurements.size(), 5) << i;
+  }
+  EXPECT_EQ(map_.hash(), hash);
+  map_.check_consistency();
+  // Room again, for all that a point measured.
+  map_.remove_point(3);
+  for (int i : {0, 1, 2, 4, 5}) {
+    map_.add_measurement(i, measure(i));
+    EXPECT_EQ(map_.points()[i].measurements.size(), 6) << i;
+    EXPECT_TRUE(map_.measured_in(map_.points()[i], keyframe)) << i;
+  }
+  map_.add_measurement(6, measure(6));
+  EXPECT_EQ(map_.points()[6].measurements.size(), 5) << "full again";
+  map_.check_consistency();
+  map_.clear();
+  EXPECT_EQ(map_.limits_hit(), 0u);
+  fill(5, 10);
+  EXPECT_EQ(map_.limits_hit(), 0u) << "all places are there again";
+}
+
+TEST_F(MapTest, APointHasOneMeasurementTooManyAtMost) {
+  fill(3, 1);
+  for (int i = 0; i < 20; ++i) map_.add_measurement(0, map_.measurements(map_.points()[0])[0]);
+  EXPECT_EQ(map_.points()[0].measurements.size(), config_.max_measurements_per_point + 1);
+  EXPECT_EQ(map_.limits_hit(), 0u) << "culling makes room";
+}
+
+// Every keyframe's storage, the queue's too, must stay distinct however often they are swapped.
+bool storage_is_distinct(const Map& map) {
+  std::vector<const uint8_t*> blocks;
+  const auto add = [&](const Keyframe& keyframe) {
+    blocks.push_back(keyframe.storage.level[0].data);
+    blocks.push_back(keyframe.small.data);
+  };
+  for (const Keyframe& keyframe : map.keyframes()) add(keyframe);
+  for (const KeyframeCandidate& candidate : map.queue().all()) add(candidate.frame);
+  std::sort(blocks.begin(), blocks.end());
+  return std::adjacent_find(blocks.begin(), blocks.end()) == blocks.end() && blocks.front() != nullptr;
 }
 
 TEST_F(MapTest, KeyframesKeepTheirOwnImagesThroughTheQueue) {
-  // Every keyframe's storage, the queue's too, must stay distinct however often they are swapped.
-  const auto distinct = [&] {
-    std::vector<const uint8_t*> blocks;
-    for (const Keyframe& keyframe : map_.keyframes) blocks.push_back(keyframe.storage.level[0].data);
-    for (const KeyframeCandidate& candidate : map_.queue) blocks.push_back(candidate.frame.storage.level[0].data);
-    std::sort(blocks.begin(), blocks.end());
-    return std::adjacent_find(blocks.begin(), blocks.end()) == blocks.end() && blocks.front() != nullptr;
-  };
   for (int k = 0; k < config_.max_keyframes; ++k) {
-    map_.queued = std::min(2, map_.queue.size());
-    map_.queue[0].frame.timestamp_ns = 100 + k;
-    map_.queue[0].frame.storage.level[0].at(3, 4) = static_cast<uint8_t>(k);
-    ASSERT_EQ(map_.add_keyframe(map_.queue[0]), k);
-    map_.pop_queue();
-    EXPECT_EQ(map_.queued, 1);
-    map_.queued = 0;
-    EXPECT_TRUE(distinct());
+    Keyframe& frame = map_.queue().hold().frame;
+    frame.timestamp_ns = 100 + k;
+    frame.storage.level[0].at(3, 4) = static_cast<uint8_t>(k);
+    map_.queue().release();
+    // Another one is on its way meanwhile, and given up.
+    map_.queue().hold().frame.storage.level[0].at(3, 4) = 200;
+    EXPECT_TRUE(storage_is_distinct(map_));
+    ASSERT_EQ(map_.add_keyframe(map_.queue().front().frame), k);
+    EXPECT_TRUE(storage_is_distinct(map_));
+    map_.queue().pop();
+    EXPECT_EQ(map_.queue().waiting(), 0);
+    EXPECT_TRUE(map_.queue().holding());
+    map_.queue().clear();
   }
   for (int k = 0; k < config_.max_keyframes; ++k) {
-    EXPECT_EQ(map_.keyframes[k].timestamp_ns, 100 + k);
-    EXPECT_EQ(map_.keyframes[k].storage.level[0].at(3, 4), k);
-  }
-}
-
-TEST_F(MapTest, GlobalShutterCorrectionIsExactToFirstOrder) {
-  const RollingShutter shutter{RollingShutter::Axis::kColumns, -0.060f / 240};
-  for (int trial = 0; trial < 300; ++trial) {
-    const Vector2f ray = config_.camera.unproject(
-        Vector2f(static_cast<float>(random_.uniform(20, 220)), static_cast<float>(random_.uniform(20, 300))));
-    const Vector3f p_c(ray.x(), ray.y(), 1);
-    const Vector6f velocity = random_twist(0.1, 0.3);
-    Vector2f still, moving;
-    SE3 T_line;
-    ASSERT_TRUE(config_.camera.project(p_c, &still));
-    ASSERT_TRUE(project_rolling(config_.camera, shutter, SE3(), velocity, p_c, &moving, &T_line));
-    const double error = (global_shutter_px(config_.camera, shutter, velocity, p_c, moving) - still).norm();
-    // The second order of a motion of d px: d^2 / f, for rotation and translation at unit depth, with a factor of 1.5
-    // for the view's edge; and what two fixed-point passes leave, each the image's movement during one column of it.
-    const double speed = 358 * static_cast<double>(velocity.head<3>().norm() + velocity.tail<3>().norm());
-    const double d = speed * std::abs(shutter.dt_s(moving, config_.camera.width, config_.camera.height));
-    const double column = speed * std::abs(static_cast<double>(shutter.line_time_s));
-    EXPECT_LT(error, 1.5 * d * d / 358 + d * column * column + 1e-3) << d;
-    EXPECT_EQ(global_shutter_px(config_.camera, {}, velocity, p_c, moving), moving);
+    EXPECT_EQ(map_.keyframes()[k].timestamp_ns, 100 + k);
+    EXPECT_EQ(map_.keyframes()[k].storage.level[0].at(3, 4), k);
   }
 }
 

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "mapping/neighbours.h"
+#include "tests/support/map_building.h"
 #include "tests/support/random.h"
 #include "tests/support/small_map.h"
 
@@ -22,7 +23,7 @@ using test::SmallMap;
 // The wall, seen by a global shutter: all measurements are where its points are.
 Config global_shutter_config() {
   Config config = test::small_map_config();
-  config.shutter.line_time_s = 0;
+  config.camera.shutter.line_time_s = 0;
   return config;
 }
 
@@ -30,16 +31,17 @@ Config global_shutter_config() {
 class World {
  public:
   explicit World(uint64_t seed) : small_(seed, global_shutter_config()), meter_(small_.config.profile) {
-    for (int i = 0; i < map().points.size(); ++i) {
-      MapPoint& point = map().points[i];
+    for (int i = 0; i < map().points().size(); ++i) {
+      MapPoint& point = MapAccess::point(map(), i);
       bool apart = true;  // 0.07 are 7 px: over any sigma
-      for (int j = 0; j < i; ++j) apart &= map().points[j].id == 0 || (map().points[j].p_w - point.p_w).norm() > 0.07f;
+      for (int j = 0; j < i; ++j)
+        apart &= map().points()[j].id == 0 || (map().points()[j].p_w - point.p_w).norm() > 0.07f;
       if (point.id == 0 || !apart) {
         map().remove_point(i);
         continue;
       }
       point.attempts = point.found = 0;
-      point.source.normal = -(map().keyframes[point.source.keyframe].T_kw * point.p_w).normalized();
+      point.source.normal = -(map().keyframes()[point.source.keyframe].T_kw * point.p_w).normalized();
     }
     Arena measure;
     const Mapper measured(measure, small_.config, small_.map, meter_);
@@ -54,8 +56,8 @@ class World {
   const Config& config() const { return small_.config; }
   // One with so many measurements, of those that have their patch from a live keyframe.
   int point_with(int measurements) const {
-    for (int i = 10; i < small_.map.points.size(); ++i)
-      if (small_.map.points[i].id != 0 && small_.map.points[i].measurements.size() == measurements) return i;
+    for (int i = 10; i < small_.map.points().size(); ++i)
+      if (small_.map.points()[i].id != 0 && small_.map.points()[i].measurements.size() == measurements) return i;
     return -1;
   }
 
@@ -86,11 +88,11 @@ TEST_F(MapperTest, PatchesOfAWallTurnToLieOnIt) {
   int judged = 0;
   const auto worst = [&] {
     float angle_rad = 0;
-    for (int i = 0; i < map().points.size(); ++i) {
-      const MapPoint& point = map().points[i];
+    for (int i = 0; i < map().points().size(); ++i) {
+      const MapPoint& point = map().points()[i];
       if (point.id == 0 || find_neighbours(map(), i).size() < 6) continue;
       ++judged;
-      const Vector3f normal = -map().keyframes[point.source.keyframe].T_kw.R.col(2);  // of the wall z = 1
+      const Vector3f normal = -map().keyframes()[point.source.keyframe].T_kw.R.col(2);  // of the wall z = 1
       angle_rad =
           std::max(angle_rad, std::atan2(point.source.normal.cross(normal).norm(), point.source.normal.dot(normal)));
     }
@@ -106,51 +108,51 @@ TEST_F(MapperTest, PatchesOfAWallTurnToLieOnIt) {
 }
 
 TEST_F(MapperTest, DuplicatesBecomeOnePoint) {
-  const int a = world_.point_with(2), b = map().add_point();
+  const int a = world_.point_with(2);
   ASSERT_GE(a, 0);
-  const uint32_t id = map().points[a].id;
+  const MapPoint& point = map().points()[a];
+  const uint32_t id = point.id;
   // The same corner, cut from another keyframe, found within half a pixel in two keyframes, of which one is new to it.
-  MapPoint& twin = map().points[b];
-  int seen[2] = {map().points[a].measurements[1].keyframe, -1};
+  const auto measurements = map().measurements(point);
+  int seen[2] = {measurements[1].keyframe, -1};
   for (int k = 0; k < 3; ++k)
-    if (k != map().points[a].measurements[0].keyframe && k != seen[0]) seen[1] = k;
-  for (const int k : seen) {
-    Measurement m;
-    m.keyframe = static_cast<int16_t>(k);
-    m.sigma = 2;
-    ASSERT_TRUE(world_.config().camera.project(map().keyframes[k].T_kw * map().points[a].p_w, &m.px));
-    m.px += Vector2f(0.3f, -0.3f);
-    twin.measurements.push_back(m);
-  }
-  twin.p_w = map().points[a].p_w;
-  twin.source = {static_cast<int16_t>(seen[0]), twin.measurements[0].px, Vector3f(0, 0, -1)};
+    if (k != measurements[0].keyframe && k != seen[0]) seen[1] = k;
+  const auto measure = [&](int k) {
+    Measurement m = test::measure_exactly(map(), world_.config().camera, k, point.p_w);
+    m.at.px += Vector2f(0.3f, -0.3f);
+    return m;
+  };
+  const int b = map().add_point(point.p_w, {static_cast<int16_t>(seen[0]), measure(seen[0]).at.px, Vector3f(0, 0, -1)});
+  ASSERT_GE(b, 0);
+  for (const int k : seen) map().add_measurement(b, measure(k));
   const int before = map().point_count();
   run();
   EXPECT_EQ(map().point_count(), before - 1);
-  const MapPoint& left = map().points[map().points[a].id == id ? a : b];
+  const MapPoint& left = map().points()[map().points()[a].id == id ? a : b];
   ASSERT_EQ(left.measurements.size(), 3) << "what the other was measured in besides is taken over";
   for (int k = 0; k < 3; ++k) {
-    EXPECT_EQ(std::count_if(left.measurements.begin(), left.measurements.end(),
-                            [k](const Measurement& m) { return m.keyframe == k; }),
-              1);
+    int count = 0;
+    for (const Measurement& m : map().measurements(left)) count += m.keyframe == k;
+    EXPECT_EQ(count, 1) << k;
   }
 }
 
 TEST_F(MapperTest, NeighboursStayTwoPoints) {
-  const int a = world_.point_with(3), b = map().add_point();
+  const int a = world_.point_with(3);
   ASSERT_GE(a, 0);
-  MapPoint& other = map().points[b];
-  other = map().points[a];
-  other.id = map().next_id++;
+  const MapPoint& point = map().points()[a];
   // 0.05 at a distance of 1 and a focal length of 100 px: 5 px beside it, sigma is at most 4.
-  other.p_w.x() += map().points[a].p_w.x() > 0 ? -0.05f : 0.05f;
-  for (Measurement& m : other.measurements) {
-    m.sigma = 2;
-    ASSERT_TRUE(world_.config().camera.project(map().keyframes[m.keyframe].T_kw * other.p_w, &m.px));
-    if (m.keyframe == other.source.keyframe) other.source.px = m.px;
-  }
-  for (int i = 0; i < map().points.size(); ++i)  // nobody else there
-    if (i != a && i != b && map().points[i].id != 0 && (map().points[i].p_w - other.p_w).norm() < 0.07f)
+  Vector3f p_w = point.p_w;
+  p_w.x() += p_w.x() > 0 ? -0.05f : 0.05f;
+  PatchSource source = point.source;
+  const Camera& camera = world_.config().camera;
+  source.px = test::measure_exactly(map(), camera, source.keyframe, p_w).at.px;
+  const int b = map().add_point(p_w, source);
+  ASSERT_GE(b, 0);
+  for (const Measurement& m : map().measurements(point))
+    map().add_measurement(b, test::measure_exactly(map(), camera, m.keyframe, p_w));
+  for (int i = 0; i < map().points().size(); ++i)  // nobody else there
+    if (i != a && i != b && map().points()[i].id != 0 && (map().points()[i].p_w - p_w).norm() < 0.07f)
       map().remove_point(i);
   const int before = map().point_count();
   run();
@@ -162,7 +164,7 @@ TEST_F(MapperTest, PointsThatAreNotFoundGo) {
     World world(random_.seed());
     const int i = world.point_with(measurements);
     EXPECT_GE(i, 0);
-    MapPoint& point = world.map().points[i];
+    MapPoint& point = MapAccess::point(world.map(), i);
     point.attempts = static_cast<uint16_t>(attempts);
     point.found = static_cast<uint16_t>(found);
     const uint32_t id = point.id;
@@ -185,40 +187,36 @@ TEST_F(MapperTest, OutliersHaveASecondChance) {
     World world(random_.seed() + static_cast<uint64_t>(trial));
     Map& map = world.map();
     const int wrong = 4;  // erased; lives again
-    map.keyframes[wrong].erased = false;
-    map.keyframes[wrong].anchor = -1;
+    MapAccess::keyframe(map, wrong).erased = false;
+    MapAccess::keyframe(map, wrong).anchor = -1;
     int middle = -1;  // the point with most image around it
-    for (int i = 0; i < map.points.size(); ++i) {
-      MapPoint& point = map.points[i];
+    for (int i = 0; i < map.points().size(); ++i) {
+      const MapPoint& point = map.points()[i];
       if (point.id == 0 || point.source.keyframe == wrong) {
         map.remove_point(i);
         continue;
       }
-      if (middle < 0 || point.p_w.head<2>().norm() < map.points[middle].p_w.head<2>().norm()) middle = i;
-      point.measurements.clear();
-      for (int k : {0, 1, 2, wrong}) {
-        Measurement m;
-        m.keyframe = static_cast<int16_t>(k);
-        m.sigma = 2;
-        EXPECT_TRUE(world.config().camera.project(map.keyframes[k].T_kw * point.p_w, &m.px));
-        point.measurements.push_back(m);
-      }
+      if (middle < 0 || point.p_w.head<2>().norm() < map.points()[middle].p_w.head<2>().norm()) middle = i;
+      test::remove_measurements(map, i);
+      for (int k : {0, 1, 2, wrong})
+        map.add_measurement(i, test::measure_exactly(map, world.config().camera, k, point.p_w));
     }
-    MapPoint& point = map.points[middle];
-    const Vector2f right_px = point.measurements[3].px;
-    point.measurements[3].px += Vector2f(9, -9);
+    const MapPoint& point = map.points()[middle];
+    const Vector2f right_px = map.measurements(point)[3].at.px;
+    MapAccess::measurement(map, middle, 3).at.px += Vector2f(9, -9);
     for (int j = 2; j >= 0 && point.measurements.size() > keyframes; --j)
-      if (point.measurements[j].keyframe != point.source.keyframe) point.measurements.erase_at(j);
+      if (map.measurements(point)[j].keyframe != point.source.keyframe) map.remove_measurement(middle, j);
     if (!visible) {
-      const GreyImage& image = map.keyframes[wrong].storage.level[0];
+      Keyframe& keyframe = MapAccess::keyframe(map, wrong);
+      const GreyImage& image = keyframe.storage.level[0];
       for (int y = 0; y < image.height; ++y) std::fill_n(image.row(y), image.width, uint8_t{100});
-      map.keyframes[wrong].pyramid = build_pyramid(image, map.keyframes[wrong].storage);
+      keyframe.pyramid = build_pyramid(image, keyframe.storage);
     }
     const uint32_t id = point.id;
     world.run();
     EXPECT_EQ(point.id, id);
-    for (const Measurement& m : point.measurements)
-      if (m.keyframe == wrong) return (m.px - right_px).norm();
+    for (const Measurement& m : map.measurements(point))
+      if (m.keyframe == wrong) return (m.at.px - right_px).norm();
     return -1.0f;
   };
   constexpr int kTrials = 20;

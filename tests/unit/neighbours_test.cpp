@@ -8,7 +8,7 @@
 #include <utility>
 #include <vector>
 
-#include "camera/pose_update.h"
+#include "tests/support/map_building.h"
 #include "tests/support/random.h"
 #include "tests/support/small_map.h"
 
@@ -25,14 +25,9 @@ float angle_rad(const Vector3f& a, const Vector3f& b) {
 // A map whose points are all gone but for new ones, all cut from keyframe 0.
 struct EmptyMap : SmallMap {
   explicit EmptyMap(uint64_t seed) : SmallMap(seed) {
-    for (int i = 0; i < map.points.size(); ++i) map.remove_point(i);
+    for (int i = 0; i < map.points().size(); ++i) map.remove_point(i);
   }
-  int add(const Vector3f& p_w) {
-    const int i = map.add_point();
-    map.points[i].p_w = p_w;
-    map.points[i].source.keyframe = 0;
-    return i;
-  }
+  int add(const Vector3f& p_w) { return map.add_point(p_w, {0, Vector2f::Zero(), -Vector3f::UnitZ()}); }
   Neighbours neighbours(int i) const { return find_neighbours(map, i); }
 };
 
@@ -45,12 +40,12 @@ TEST(Neighbours, AreTheNearestByDistance) {
       small.add({static_cast<float>(random.uniform(-0.3, 0.3)), static_cast<float>(random.uniform(-0.3, 0.3)),
                  static_cast<float>(random.uniform(0.9, 1.1))});
     for (int gone = 0; gone < points / 10; ++gone) small.map.remove_point(random.integer(1, points - 1));
-    const Vector3f centre = small.map.keyframes[0].T_kw.centre();
-    const Vector3f middle = small.map.points[0].p_w;
+    const Vector3f centre = small.map.keyframes()[0].T_kw.centre();
+    const Vector3f middle = small.map.points()[0].p_w;
     std::vector<std::pair<float, int>> near;
     for (int i = 1; i < points; ++i) {
-      const float d_sq = (small.map.points[i].p_w - middle).squaredNorm();
-      if (small.map.points[i].id != 0 && d_sq <= 0.25f * 0.25f * (middle - centre).squaredNorm())
+      const float d_sq = (small.map.points()[i].p_w - middle).squaredNorm();
+      if (small.map.points()[i].id != 0 && d_sq <= 0.25f * 0.25f * (middle - centre).squaredNorm())
         near.emplace_back(d_sq, i);
     }
     std::sort(near.begin(), near.end());
@@ -59,7 +54,7 @@ TEST(Neighbours, AreTheNearestByDistance) {
     EXPECT_EQ(found[0], 0);
     for (int n = 1; n < found.size(); ++n) EXPECT_EQ(found[n], near[static_cast<size_t>(n - 1)].second);
     if (found.size() < 3) continue;
-    small.map.points[found[1]].p_w = middle + Vector3f(1, 0, 0);
+    small.map.move_point(found[1], middle + Vector3f(1, 0, 0));
     EXPECT_NE(small.neighbours(0)[1], found[1]) << "control: it is not near any more";
   }
 }
@@ -91,7 +86,7 @@ TEST(PatchNormal, IsThatOfThePlane) {
     Vector3f normal_k = Vector3f::Zero();
     if (!fit_patch_normal(small.map, small.neighbours(0), &normal_k)) continue;
     ++fitted;
-    const Matrix3f& R_kw = small.map.keyframes[0].T_kw.R;
+    const Matrix3f& R_kw = small.map.keyframes()[0].T_kw.R;
     // Coordinates of about 1 are rounded by 6e-8, and so are the ten operations on each: 1e-6 over a spread of at least
     // 0.01 (twelve neighbours within the square; a thinner one is refused as no plane only if it is noisy).
     EXPECT_LT(angle_rad(normal_k, R_kw * normal), 1e-3f);
@@ -112,7 +107,7 @@ TEST(PatchNormal, BearsTheNoiseOfDepths) {
     Vector3f normal_k;
     if (!fit_patch_normal(small.map, small.neighbours(0), &normal_k)) continue;
     ++fitted;
-    const float error = angle_rad(normal_k, small.map.keyframes[0].T_kw.R * normal);
+    const float error = angle_rad(normal_k, small.map.keyframes()[0].T_kw.R * normal);
     sum_sq += static_cast<double>(error * error);
   }
   ASSERT_GT(fitted, test::trials(300) * 3 / 4);
@@ -157,26 +152,26 @@ TEST(SamePoint, ExplainsWhatWasMeasuredOfTheOther) {
   test::Random random;
   for (uint64_t trial = 0; trial < 20; ++trial) {
     SmallMap small(random.seed() + trial);
-    MapPoint& other = small.map.points[5];
+    const MapPoint& other = small.map.points()[5];
     ASSERT_GE(other.measurements.size(), 2);
-    for (Measurement& m : other.measurements) {
-      const Keyframe& keyframe = small.map.keyframes[m.keyframe];
-      SE3 T_line;
-      ASSERT_TRUE(project_rolling(small.config.camera, small.config.shutter, keyframe.T_kw, keyframe.velocity,
-                                  other.p_w, &m.px, &T_line));
-      m.sigma = 2;
+    for (int j = 0; j < other.measurements.size(); ++j) {
+      Measurement& m = MapAccess::measurement(small.map, 5, j);
+      const Keyframe& keyframe = small.map.keyframes()[m.keyframe];
+      PredictedPoint seen;
+      ASSERT_TRUE(small.config.camera.project_rolling(keyframe.T_kw, keyframe.velocity, other.p_w, &seen));
+      m.at = {seen.px, 1};
     }
     MapPoint point = other;
-    point.measurements.clear();
-    EXPECT_TRUE(explains(small.map, small.config, point, other));
+    point.measurements = {};
+    EXPECT_TRUE(explains(small.map, small.config.camera, point, other));
     // At a focal length of 100 px and distances of 0.9 to 1.1 plus the poses' noise, 0.012 are 1.0 to 1.5 px, 0.03 are
     // 2.5 to 3.7: inside and outside of sigma.
     point.p_w.x() += 0.012f;
-    EXPECT_TRUE(explains(small.map, small.config, point, other));
+    EXPECT_TRUE(explains(small.map, small.config.camera, point, other));
     point.p_w.x() += 0.018f;
-    EXPECT_FALSE(explains(small.map, small.config, point, other));
+    EXPECT_FALSE(explains(small.map, small.config.camera, point, other));
     point.p_w = -point.p_w;
-    EXPECT_FALSE(explains(small.map, small.config, point, other)) << "behind the camera";
+    EXPECT_FALSE(explains(small.map, small.config.camera, point, other)) << "behind the camera";
   }
 }
 
