@@ -89,7 +89,7 @@ class Culling : public Background {
   }
   std::vector<Spent> decide() {
     done_ = false;
-    task_ = Task();  // frames are last in, first out
+    task_ = Task<>();  // frames are last in, first out
     task_ = decision();
     std::vector<Spent> slices = {spend(meter_, [this] { task_.start(); })};
     while (!done_) slices.push_back(spend(meter_, [this] { resume(); }));
@@ -99,12 +99,12 @@ class Culling : public Background {
   Map map;
 
  private:
-  Task decision() {
+  Task<> decision() {
     co_await culler_.choose();
     done_ = true;
   }
   KeyframeCuller culler_;
-  Task task_;
+  Task<> task_;
   bool done_ = false;
 };
 

@@ -94,7 +94,7 @@ class EngineRun : public Background {
     memory_ = std::move(memory);
   }
 
-  Task work(BundleOptions options, int iterations) {
+  Task<> work(BundleOptions options, int iterations) {
     co_await engine_.start(options);
     const double begin_s = cpu_seconds();
     for (attempts_ = 0; iterations_ < iterations && !converged_; ++attempts_) {
@@ -116,7 +116,7 @@ class EngineRun : public Background {
 
   std::unique_ptr<Memory> memory_;
   Engine engine_;
-  Task task_;
+  Task<> task_;
   int iterations_ = 0, attempts_ = 0;
   double start_cost_ = 0, seconds_ = 0;
   bool done_ = false, converged_ = false;

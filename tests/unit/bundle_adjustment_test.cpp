@@ -43,11 +43,11 @@ class Job : public Background {
   bool done = false;
 
  private:
-  Task work(BundleAdjuster& bundle, int newest, bool velocities, int iterations) {
+  Task<> work(BundleAdjuster& bundle, int newest, bool velocities, int iterations) {
     co_await bundle.run(newest, velocities, iterations);
     done = true;
   }
-  Task task_;
+  Task<> task_;
 };
 
 struct Problem {

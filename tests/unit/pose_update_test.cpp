@@ -392,8 +392,8 @@ class PointsOnLines final : public PoseRows {
       const Vector3f p_c = T_cw * line.p_w;
       Vector2f px;
       Matrix23f J_px_p;
-      row.valid = camera.project(p_c, &px, &J_px_p);
-      if (!row.valid) continue;
+      row.components = camera.project(p_c, &px, &J_px_p) ? 1 : 0;
+      if (row.components == 0) continue;
       row.dt_s = 0;
       row.depth = i % 2 == 0 ? p_c.z() : 0;  // not all rows need one
       const Eigen::Matrix<float, 1, 6> J = line.normal.transpose() * J_px_p * se3_point_jacobian(p_c);

@@ -14,14 +14,14 @@ class Jobs : public Background {
   Jobs(Arena& arena, size_t frame_bytes, WorkMeter& meter) : Background(arena, frame_bytes, meter) {}
 
   // Each unit costs `cost` instructions.
-  Task count(int units, int64_t cost) {
+  Task<> count(int units, int64_t cost) {
     for (int i = 0; i < units; ++i) {
       meter_.charge(Work::kOther, cost);
       ++counted;
       co_await slice();
     }
   }
-  Task outer(int depth, std::string name) {
+  Task<> outer(int depth, std::string name) {
     log += "(" + name;
     if (depth > 0) {
       co_await outer(depth - 1, name + "1");
@@ -30,23 +30,36 @@ class Jobs : public Background {
     }
     log += ")";
   }
-  Task forever() {
+  Task<int> sum(int units, int64_t cost) {
+    int total = 0;
+    for (int i = 1; i <= units; ++i) {
+      total += i;
+      co_await spend(Work::kOther, cost);
+    }
+    co_return total;
+  }
+  Task<> add_sums(int* result) {
+    const int first = co_await sum(1000, 1000);
+    const int second = co_await sum(10, 1);
+    *result = first + second;
+  }
+  Task<> forever() {
     for (;;) {
       co_await outer(2, "x");
       ++rounds;
       co_await rest();
     }
   }
-  Task nothing() { co_return; }
+  Task<> nothing() { co_return; }
 
-  void run(Task task) {
+  void run(Task<> task) {
     resume();  // nothing paused: marks the slice's start
     task_ = std::move(task);
     task_.start();
   }
   void drop() {
     abandon();
-    task_ = Task();
+    task_ = Task<>();
   }
 
   int counted = 0;
@@ -54,7 +67,7 @@ class Jobs : public Background {
   std::string log;
 
  private:
-  Task task_;
+  Task<> task_;
 };
 
 class TaskTest : public ::testing::Test {
@@ -65,6 +78,17 @@ class TaskTest : public ::testing::Test {
   WorkMeter meter_;
   Jobs jobs_{arena_, kFrameBytes, meter_};
 };
+
+TEST_F(TaskTest, ReturnsValuesAcrossPauses) {
+  int result = 0;
+  jobs_.run(jobs_.add_sums(&result));
+  EXPECT_EQ(result, 0) << "a thousand times a thousand instructions are more than a slice";
+  int slices = 1;
+  for (; result == 0 && slices < 100; ++slices) jobs_.resume();
+  EXPECT_EQ(result, 500500 + 55);
+  // spend() pauses as slice() does: eight times within the thousand, then goes on to the end.
+  EXPECT_EQ(slices, 1'000'000 / (kSliceInstructions / 2) + 1);
+}
 
 TEST_F(TaskTest, PausesWhenTheSliceIsUsedUpAndNotBefore) {
   jobs_.run(jobs_.count(1000, 1000));
@@ -133,9 +157,9 @@ TEST_F(TaskTest, AJobMayBeAbandonedAtAnyPauseAndStartedAgain) {
 }
 
 TEST_F(TaskTest, MovingATaskMovesItsJob) {
-  Task a = jobs_.count(3, kSliceInstructions);
-  Task b = std::move(a);
-  a = Task();  // empty: destroys nothing
+  Task<> a = jobs_.count(3, kSliceInstructions);
+  Task<> b = std::move(a);
+  a = Task<>();  // empty: destroys nothing
   jobs_.resume();
   b.start();
   EXPECT_EQ(jobs_.counted, 1);
