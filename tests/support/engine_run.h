@@ -9,6 +9,7 @@
 
 #include "camera/pose_update.h"
 #include "mapping/bundle_engine.h"
+#include "tests/support/alignment.h"
 #include "tests/support/bundle_problem.h"
 
 namespace pptam::test {
@@ -202,17 +203,13 @@ double cost_in_double(Engine& engine, double sigma, const Pinhole<double>& proje
 // Root mean square distance of the cameras' centres from the truth after the best similarity, world units.
 template <class Engine>
 double trajectory_error(Engine& engine, const BundleProblem& problem) {
-  const auto count = static_cast<Eigen::Index>(problem.truth.size());
-  Eigen::Matrix3Xd estimate(3, count), truth(3, count);
-  for (Eigen::Index k = 0; k < count; ++k) {
+  std::vector<Eigen::Vector3d> estimate, truth;
+  for (size_t k = 0; k < problem.truth.size(); ++k) {
     const auto& camera = engine.cameras()[static_cast<int>(k)].now;
-    estimate.col(k) = -(camera.R.template cast<double>().transpose() * camera.t.template cast<double>());
-    truth.col(k) = problem.truth[static_cast<size_t>(k)].centre();
+    estimate.emplace_back(-(camera.R.template cast<double>().transpose() * camera.t.template cast<double>()));
+    truth.push_back(problem.truth[k].centre());
   }
-  const Eigen::Matrix4d S = Eigen::umeyama(estimate, truth, true);
-  const Eigen::Matrix3Xd moved =
-      (S.topLeftCorner<3, 3>() * estimate).colwise() + Eigen::Vector3d(S.topRightCorner<3, 1>());
-  return std::sqrt((moved - truth).squaredNorm() / static_cast<double>(count));
+  return distance_after_similarity(estimate, truth);
 }
 
 }  // namespace pptam::test

@@ -12,6 +12,7 @@
 
 #include "camera/pose_update.h"
 #include "geometry/robust.h"
+#include "tests/support/alignment.h"
 #include "tests/support/map_building.h"
 #include "tests/support/phone_camera.h"
 #include "tests/support/random.h"
@@ -109,13 +110,7 @@ class World {
       a.push_back(map_->points()[i].p_w.cast<double>());
       b.push_back(truth_[static_cast<size_t>(i)]);
     }
-    Eigen::Matrix3Xd A(3, a.size()), B(3, b.size());
-    for (size_t i = 0; i < a.size(); ++i) {
-      A.col(static_cast<Eigen::Index>(i)) = a[i];
-      B.col(static_cast<Eigen::Index>(i)) = b[i];
-    }
-    const Eigen::Matrix4d S = Eigen::umeyama(A, B, true);
-    return std::sqrt(((S * A.colwise().homogeneous()).topRows<3>() - B).squaredNorm() / static_cast<double>(a.size()));
+    return test::distance_after_similarity(a, b);
   }
 
   // Root mean square reprojection error, in sigmas.
