@@ -198,10 +198,11 @@ TEST_F(CullingTest, CullingKeepsEightAndDropsTheRedundantOne) {
     map_.clear();
     const int twin = random_.integer(2, 8);
     Vector3f centres[9];
-    for (int k = 0; k < 9; ++k) {
+    for (int k = 0; k < 9; ++k)
       centres[k] = Vector3f(0.25f * static_cast<float>(k % 3 - 1), 0.25f * static_cast<float>(k / 3 - 1), 0) +
                    0.01f * random_offset();
-      if (k == twin) centres[k] = centres[twin == 2 ? 3 : 2] + Vector3f(1e-3f, 0, 0);
+    centres[twin] = centres[twin == 2 ? 3 : 2] + Vector3f(1e-3f, 0, 0);
+    for (int k = 0; k < 9; ++k) {
       const Vector3f z = (Vector3f(0, 0, 1) - centres[k]).normalized();
       const Vector3f x = Vector3f::UnitY().cross(z).normalized();
       SE3 T_kw;
