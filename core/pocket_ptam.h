@@ -43,7 +43,8 @@ struct Config {
   // Each takes 4/3 bytes a pixel.
   int max_erased_keyframes = 35;
   int max_map_points = 1000;    // 35 keyframes with 25 new points each, and the first view's
-  int max_measurements = 8000;  // of all map points together; 24 bytes each
+  // Of all map points together, beyond the two that each point needs and has a place for; 24 bytes each.
+  int max_measurements = 6000;
   // Beyond, the least useful one of a point goes [phone 3.2]. 2 to 32.
   int max_measurements_per_point = 8;
   int max_partial_points = 100;

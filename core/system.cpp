@@ -64,8 +64,8 @@ Status Config::validate() const {
     return {StatusCode::kInvalidArgument, "Config::max_partial_points must be within 1 to 30000"};
   if (max_measurements_per_point < 2 || max_measurements_per_point > kMostMeasurements)
     return {StatusCode::kInvalidArgument, "Config::max_measurements_per_point must be within 2 to 32"};
-  if (max_measurements < 2 * max_map_points || max_measurements > 1000000)
-    return {StatusCode::kInvalidArgument, "Config::max_measurements must be within twice max_map_points and a million"};
+  if (max_measurements < 0 || max_measurements > 1000000)
+    return {StatusCode::kInvalidArgument, "Config::max_measurements must be within 0 to 1000000"};
   if (cells_x < 1 || cells_y < 1 || cells_x > 16 || cells_y > 16)
     return {StatusCode::kInvalidArgument, "Config::cells_x and cells_y must be within 1 to 16"};
   if (search_level < 0 || search_level >= kPyramidLevels || coarse_search_level < search_level ||

@@ -33,11 +33,12 @@ class Hash {
 Map::Map(Arena& arena, const Config& config)
     : keyframes_(arena, keyframe_slots(config.max_keyframes, config.max_erased_keyframes)),
       points_(arena, config.max_map_points),
-      measurements_(arena, config.max_measurements),
+      measurements_(arena, measurement_places(config)),
       partial_points_(arena, config.max_partial_points),
       queue_(arena, config.camera.model, std::max(config.max_measured_points, config.max_initial_points)),
       neighbours_(arena, 2 * kMaxInitialKeyframes),
-      max_measurements_per_point_(config.max_measurements_per_point) {
+      max_measurements_per_point_(config.max_measurements_per_point),
+      max_further_(config.max_measurements) {
   for (int i = 0; i < keyframe_slots(config.max_keyframes, config.max_erased_keyframes); ++i) {
     const Keyframe keyframe(arena, config.camera.model);
     if (i < keyframes_.capacity()) keyframes_.push_back(keyframe);
@@ -90,7 +91,9 @@ int Map::add_point(const Vector3f& p_w, const PatchSource& source) {
 }
 
 void Map::remove_point(int index) {
-  measurements_.erase_all(&points_[index].measurements);
+  MeasurementPool::List& list = points_[index].measurements;
+  further_ -= std::max(list.size() - 2, 0);
+  measurements_.erase_all(&list);
   points_[index] = MapPoint();
 }
 
@@ -106,7 +109,14 @@ void Map::count_search(int index, bool was_found) {
 void Map::add_measurement(int point, const Measurement& measurement) {
   MeasurementPool::List& list = points_[point].measurements;
   if (list.size() > max_measurements_per_point_) return;
-  if (!measurements_.push_back(&list, measurement)) limits_hit_ |= kLimitMeasurements;
+  if (list.size() >= 2 && further_ == max_further_) {
+    limits_hit_ |= kLimitMeasurements;
+    return;
+  }
+  further_ += list.size() >= 2;
+  const bool placed = measurements_.push_back(&list, measurement);
+  PPTAM_ASSERT(placed);
+  (void)placed;
 }
 
 void Map::set_measurement(int point, int i, const Measurement& measurement) {
@@ -118,7 +128,9 @@ void Map::set_weight(int point, int i, float weight) {
 }
 
 void Map::remove_measurement(int point, int i) {
-  measurements_.erase(&points_[point].measurements, i);
+  MeasurementPool::List& list = points_[point].measurements;
+  further_ -= list.size() > 2;
+  measurements_.erase(&list, i);
 }
 
 int Map::add_partial_point(const PatchSource& source, const Vector3f& ray, float inverse_depth) {
@@ -260,7 +272,7 @@ void Map::clear() {
   measurements_.clear();
   for (PartialPoint& point : partial_points_) point = PartialPoint();
   queue_.clear();
-  neighbour_count_ = 0;
+  neighbour_count_ = further_ = 0;
   ready_ = full_ = moved_ = false;
   limits_hit_ = 0;
   ++epoch_;
@@ -326,13 +338,16 @@ void Map::check_consistency() const {
   for (const Keyframe& keyframe : keyframes_)
     PPTAM_ASSERT(keyframe.id == 0 || !keyframe.erased ||
                  (has_keyframe(keyframe.anchor) && keyframes_[keyframe.anchor].live()));
+  int further = 0;
   for (const MapPoint& point : points_) {
     if (point.id == 0) continue;
+    further += point.measurements.size() - 2;
     PPTAM_ASSERT(has_keyframe(point.source.keyframe));
     PPTAM_ASSERT(point.measurements.size() >= 2 && point.measurements.size() <= max_measurements_per_point_ + 1);
     for (const Measurement& m : measurements(point))
       PPTAM_ASSERT(has_keyframe(m.keyframe) && keyframes_[m.keyframe].live());
   }
+  PPTAM_ASSERT(further == further_ && further <= max_further_);
   for (const PartialPoint& partial : partial_points_)
     PPTAM_ASSERT(partial.id == 0 || has_keyframe(partial.source.keyframe));
 #endif

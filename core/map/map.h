@@ -71,6 +71,11 @@ constexpr int keyframe_slots(int max_keyframes, int max_erased_keyframes) {
 constexpr int kMostKeyframes = 1000;  // that a Config may allow, live, and as many erased
 constexpr int kMostKeyframeSlots = keyframe_slots(kMostKeyframes, kMostKeyframes);
 
+// Places for measurements: two for each point, and those that are shared.
+inline int measurement_places(const Config& config) {
+  return 2 * config.max_map_points + config.max_measurements;
+}
+
 class Map {
  public:
   Map() = default;
@@ -150,7 +155,8 @@ class Map {
   void move_point(int index, const Vector3f& p_w) { points_[index].p_w = p_w; }
   void set_normal(int index, const Vector3f& normal_k) { points_[index].source.normal = normal_k; }
   void count_search(int index, bool was_found);
-  // Not when the point has one more than max_measurements_per_point, or all places are taken (limits_hit).
+  // Not when the point has one more than max_measurements_per_point, or, from the third on, when all shared places are
+  // taken (limits_hit).
   void add_measurement(int point, const Measurement& measurement);
   void set_measurement(int point, int i, const Measurement& measurement);
   void set_weight(int point, int i, float weight);
@@ -176,6 +182,7 @@ class Map {
   FixedVector<NeighbourFrame> neighbours_;  // size is the capacity
   int neighbour_count_ = 0;
   int max_measurements_per_point_ = 0;
+  int max_further_ = 0, further_ = 0;  // measurements beyond the first two of each point
   uint32_t next_id_ = 1;
   bool ready_ = false, locked_ = false, full_ = false;
   uint32_t limits_hit_ = 0;

@@ -149,6 +149,11 @@ struct Header {
   uint32_t measurements = 0, most_of_a_point = 0;
 };
 
+// Beyond two of each point.
+int64_t further_measurements(const Header& header) {
+  return int64_t{header.measurements} - 2 * int64_t{header.points.entries};
+}
+
 void write_header(const Header& header, Writer* out) {
   out->bytes(kMagic, kMagicBytes);
   out->u32(header.version);
@@ -226,6 +231,7 @@ Status read_header(std::span<const std::byte> file, Checksum checksum, Header* h
   least += uint64_t{header->partial_points.entries} * kPartialBytes;
   if (header->most_of_a_point > kMostMeasurements + 1)
     return refused("a map point has more measurements than any configuration allows");
+  if (further_measurements(*header) < 0) return refused("the map's counts do not fit its measurements");
   bool possible = least <= header->bytes && header->erased < header->keyframes.entries;
   for (const Count& counted : {header->keyframes, header->points, header->partial_points})
     possible = possible && counted.entries <= counted.slots && counted.slots <= INT16_MAX;
@@ -263,7 +269,7 @@ Status check_fit(const Header& header, const Config& config) {
     return refused("the map has more erased keyframes than Config::max_erased_keyframes: raise it");
   if (static_cast<int>(header.points.slots) > config.max_map_points)
     return refused("the map has more map points than Config::max_map_points: raise it");
-  if (header.measurements > static_cast<uint32_t>(config.max_measurements))
+  if (further_measurements(header) > config.max_measurements)
     return refused("the map has more measurements than Config::max_measurements: raise it");
   // One more until culling has judged it.
   if (header.most_of_a_point > static_cast<uint32_t>(config.max_measurements_per_point + 1))
@@ -381,7 +387,8 @@ class Body {
     if (status.ok()) status = read_entries(header_.points, &Body::read_point);
     if (status.ok()) status = read_entries(header_.partial_points, &Body::read_partial_point);
     if (!status.ok()) return status;
-    if (measurements_ != header_.measurements) return refused("the map's counts do not fit its measurements");
+    if (measurements_ != header_.measurements || most_of_a_point_ != header_.most_of_a_point)
+      return refused("the map's counts do not fit its measurements");
     if (in_.failed() || in_.left() != 0) return refused("the map's entries do not fill the file");
     return {};
   }
@@ -502,6 +509,7 @@ class Body {
     if (measurements < 2 || measurements > header_.most_of_a_point)
       return refused("a map point has less than two measurements, or more than the header says");
     measurements_ += measurements;
+    most_of_a_point_ = std::max(most_of_a_point_, measurements);
     if (measurements_ > header_.measurements) return refused("the map's counts do not fit its measurements");
     if (map_) MapAccess::point(*map_, slot) = point;
     int16_t measured[kMostMeasurements + 1];
@@ -548,7 +556,7 @@ class Body {
   const Header& header_;
   const Config& config_;
   Map* map_ = nullptr;
-  uint32_t measurements_ = 0;  // so far, of all points
+  uint32_t measurements_ = 0, most_of_a_point_ = 0;  // so far
   std::array<Slot, kMostKeyframeSlots> slots_ = {};
   std::array<uint32_t, kMostKeyframeSlots> anchors_ = {};
 };
@@ -584,7 +592,7 @@ Status read_map_info(std::span<const std::byte> file, MapInfo* info) {
   info->min_keyframes = info->keyframes;
   info->min_erased_keyframes = static_cast<int>(header.keyframes.slots) - info->keyframes;
   info->min_map_points = static_cast<int>(header.points.slots);
-  info->min_measurements = static_cast<int>(header.measurements);
+  info->min_measurements = static_cast<int>(further_measurements(header));
   info->min_measurements_per_point = static_cast<int>(header.most_of_a_point);
   info->min_partial_points = static_cast<int>(header.partial_points.slots);
   return {};

@@ -30,7 +30,7 @@ BundleCapacity capacity(const Config& config) {
   // One a slot of Map::keyframes, so that indices are the same; erased and empty ones are neither free nor observed.
   capacity.cameras = keyframe_slots(config.max_keyframes, config.max_erased_keyframes);
   capacity.points = config.max_map_points;
-  capacity.observations = config.max_measurements;
+  capacity.observations = measurement_places(config);
   capacity.observations_per_point = config.max_measurements_per_point + 1;
   capacity.columns = std::max(config.max_keyframes, 2 * kMaxVelocityCameras);
   return capacity;

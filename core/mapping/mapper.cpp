@@ -570,12 +570,16 @@ void Mapper::merge_if_same(int a, int b) {
   const bool a_stays = map_.points()[a].measurements.size() >= map_.points()[b].measurements.size();
   const int stays = a_stays ? a : b, goes = a_stays ? b : a;
   if (!explains(map_, config_.camera, map_.points()[stays], map_.points()[goes])) return;
-  for (const Measurement& m : map_.measurements(map_.points()[goes])) {
-    if (map_.measured_in(map_.points()[stays], m.keyframe)) continue;
-    map_.add_measurement(stays, m);
+  // Taken out first: their places may be needed.
+  Measurement taken[kMostMeasurements + 1];
+  int count = 0;
+  for (const Measurement& m : map_.measurements(map_.points()[goes]))
+    if (!map_.measured_in(map_.points()[stays], m.keyframe)) taken[count++] = m;
+  map_.remove_point(goes);
+  for (int i = 0; i < count; ++i) {
+    map_.add_measurement(stays, taken[i]);
     cull_measurements(map_, stays, config_.camera, meter_);
   }
-  map_.remove_point(goes);
 }
 
 }  // namespace pptam

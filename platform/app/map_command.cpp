@@ -42,7 +42,7 @@ class LoadedMap {
     config.max_keyframes = std::max(config.max_keyframes, info_.min_keyframes);
     config.max_erased_keyframes = std::max(config.max_erased_keyframes, info_.min_erased_keyframes);
     config.max_map_points = std::max(config.max_map_points, info_.min_map_points);
-    config.max_measurements = std::max({config.max_measurements, info_.min_measurements, 2 * config.max_map_points});
+    config.max_measurements = std::max(config.max_measurements, info_.min_measurements);
     config.max_measurements_per_point = std::max(config.max_measurements_per_point, info_.min_measurements_per_point);
     config.max_partial_points = std::max(config.max_partial_points, info_.min_partial_points);
     require(config.validate());

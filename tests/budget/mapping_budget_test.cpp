@@ -91,8 +91,8 @@ class Culling : public Background {
     done_ = false;
     task_ = Task<>();  // frames are last in, first out
     task_ = decision();
-    std::vector<Spent> slices = {spend(meter_, [this] { task_.start(); })};
-    while (!done_) slices.push_back(spend(meter_, [this] { resume(); }));
+    std::vector<Spent> slices = {pptam::spend(meter_, [this] { task_.start(); })};
+    while (!done_) slices.push_back(pptam::spend(meter_, [this] { resume(); }));
     return slices;
   }
 

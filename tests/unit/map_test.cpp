@@ -247,7 +247,7 @@ TEST_F(MapTest, FullPoolsSayWhichOne) {
 
 // What a full pool of measurements refuses is all that is lost.
 TEST_F(MapTest, AFullMeasurementPoolSaysSo) {
-  config_.max_measurements = 50;
+  config_.max_measurements = 30;  // ten points, five of each: three more than they need
   test::Block block([&](Arena& arena) { map_ = Map(arena, config_); });
   fill(5, 10);
   EXPECT_EQ(map_.limits_hit(), 0u);
@@ -265,13 +265,19 @@ TEST_F(MapTest, AFullMeasurementPoolSaysSo) {
   map_.check_consistency();
   // Room again, for all that a point measured.
   map_.remove_point(3);
-  for (int i : {0, 1, 2, 4, 5}) {
+  for (int i : {0, 1, 2}) {
     map_.add_measurement(i, measure(i));
     EXPECT_EQ(map_.points()[i].measurements.size(), 6) << i;
     EXPECT_TRUE(map_.measured_in(map_.points()[i], keyframe)) << i;
   }
   map_.add_measurement(6, measure(6));
   EXPECT_EQ(map_.points()[6].measurements.size(), 5) << "full again";
+  // A new point has places for the two that it needs all the same.
+  const int point = map_.add_point(map_.points()[0].p_w, map_.points()[0].source);
+  ASSERT_EQ(point, 3);
+  for (const int k : {0, 1, 2})
+    map_.add_measurement(point, test::measure_exactly(map_, config_.camera, k, map_.points()[point].p_w));
+  EXPECT_EQ(map_.points()[point].measurements.size(), 2);
   map_.check_consistency();
   map_.clear();
   EXPECT_EQ(map_.limits_hit(), 0u);

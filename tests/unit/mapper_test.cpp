@@ -11,6 +11,8 @@
 #include <vector>
 
 #include "mapping/neighbours.h"
+#include "tests/budget/painted_run.h"
+#include "tests/budget/parts.h"
 #include "tests/support/map_building.h"
 #include "tests/support/random.h"
 #include "tests/support/small_map.h"
@@ -231,6 +233,33 @@ TEST_F(MapperTest, OutliersHaveASecondChance) {
   }
   // One wall in twenty is too plain at the point: seven of twenty that are happen in one run of 30000.
   EXPECT_GE(found, 14);
+}
+
+// However few measurements a map may keep, what it keeps is sound: checked after every slice, where assertions are.
+TEST(Mapper, AFullPoolOfMeasurementsLeavesASoundMap) {
+  for (const int max_measurements : {0, 60, 250}) {
+    test::PaintedRun run;
+    Config config = run.config();
+    config.max_map_points = 100;
+    config.max_measurements = max_measurements;
+    test::Parts parts(config);
+    uint32_t limits = 0;
+    int poses = 0;
+    for (int i = 0; i < 60; ++i) {
+      const TrackResult result = parts.tracker->track(run.frame(i), nullptr);
+      limits |= result.limits_hit;
+      poses += result.pose_valid;
+      for (int s = 0; s < 60 && parts.mapper->has_work(); ++s) {
+        parts.mapper->work_slice();
+        for (const MapPoint& point : parts.map.points()) {
+          if (point.id == 0) continue;
+          ASSERT_GE(point.measurements.size(), 2) << max_measurements;
+        }
+      }
+    }
+    EXPECT_TRUE(limits & kLimitMeasurements) << max_measurements;
+    if (max_measurements == 250) EXPECT_GT(poses, 10);  // with fewer no initial map is good enough
+  }
 }
 
 }  // namespace
