@@ -123,8 +123,8 @@ void Map::set_measurement(int point, int i, const Measurement& measurement) {
   measurements_.at(&points_[point].measurements, i) = measurement;
 }
 
-void Map::set_weight(int point, int i, float weight) {
-  measurements_.at(&points_[point].measurements, i).weight = weight;
+void Map::set_weights(int point, const float* weights) {
+  measurements_.update(points_[point].measurements, [weights](int i, Measurement& m) { m.weight = weights[i]; });
 }
 
 void Map::remove_measurement(int point, int i) {

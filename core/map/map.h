@@ -159,7 +159,7 @@ class Map {
   // taken (limits_hit).
   void add_measurement(int point, const Measurement& measurement);
   void set_measurement(int point, int i, const Measurement& measurement);
-  void set_weight(int point, int i, float weight);
+  void set_weights(int point, const float* weights);  // one for each measurement, in order
   void remove_measurement(int point, int i);
 
   // Partial points: the index of the new one, its depth unknown, or -1 when full.

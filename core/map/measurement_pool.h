@@ -76,6 +76,12 @@ class MeasurementPool {
     PPTAM_ASSERT(i >= 0 && i < list->count);
     return nodes_[*link(list, i)].measurement;
   }
+  // change(i, measurement) for each, in order.
+  template <class Change>
+  void update(const List& list, Change&& change) {
+    int i = 0;
+    for (int32_t at = list.first; at >= 0; at = nodes_[at].next) change(i++, nodes_[at].measurement);
+  }
   void erase(List* list, int i) {  // keeps the order
     PPTAM_ASSERT(i >= 0 && i < list->count);
     int32_t* const place = link(list, i);

@@ -104,26 +104,26 @@ Task<> BundleAdjuster::gather(int newest, bool velocities) {
     Engine::Point entry;
     entry.first = engine_.observations().size();
     entry.p = point.p_w;
-    // By ascending keyframe.
-    for (int after = -1;;) {
-      const Measurement* next = nullptr;
-      int tag = 0, j = 0;
-      for (const Measurement& m : map_.measurements(point)) {
-        if (m.keyframe > after && (!next || m.keyframe < next->keyframe)) {
-          next = &m;
-          tag = j;
-        }
-        ++j;
+    const Measurement* sorted[kMostMeasurements + 1];  // by ascending keyframe
+    int16_t tags[kMostMeasurements + 1];
+    int count = 0;
+    for (const Measurement& m : map_.measurements(point)) {
+      int at = count;
+      for (; at > 0 && sorted[at - 1]->keyframe > m.keyframe; --at) {
+        sorted[at] = sorted[at - 1];
+        tags[at] = tags[at - 1];
       }
-      if (!next) break;
+      sorted[at] = &m;
+      tags[at] = static_cast<int16_t>(count++);
+    }
+    for (int k = 0; k < count; ++k) {
       Engine::Observation observation;
-      observation.px = next->at.px;
-      observation.inverse_sigma = 1.0f / next->at.sigma();
-      observation.dt_s = config_.camera.dt_s(next->at.px);
-      observation.camera = next->keyframe;
-      observation.tag = static_cast<int16_t>(tag);
+      observation.px = sorted[k]->at.px;
+      observation.inverse_sigma = 1.0f / sorted[k]->at.sigma();
+      observation.dt_s = config_.camera.dt_s(sorted[k]->at.px);
+      observation.camera = sorted[k]->keyframe;
+      observation.tag = tags[k];
       if (!engine_.observations().push_back(observation)) break;
-      after = next->keyframe;
     }
     entry.count = engine_.observations().size() - entry.first;
     engine_.points().push_back(entry);
@@ -220,18 +220,19 @@ Task<> BundleAdjuster::discard_outliers() {
     const Engine::Point& entry = engine_.points()[i];
     const int index = point_indices_[i];
     const MapPoint& point = map_.points()[index];
-    bool outlier[kMostMeasurements + 1] = {};
+    PPTAM_ASSERT(entry.count == point.measurements.size());  // keyframes are inserted between two adjustments
+    float weights[kMostMeasurements + 1];
     bool source_is_outlier = false;
     int good = 0;
     for (int k = entry.first; k < entry.first + entry.count; ++k) {
       const Engine::Observation& o = engine_.observations()[k];
-      map_.set_weight(index, o.tag, o.weight);
-      outlier[o.tag] = o.weight == 0;
+      weights[o.tag] = o.weight;
       good += o.weight != 0;
       source_is_outlier |= o.weight == 0 && o.camera == point.source.keyframe;
     }
+    map_.set_weights(index, weights);
     for (int j = point.measurements.size() - 1; j >= 0 && !source_is_outlier; --j) {
-      if (!outlier[j]) continue;
+      if (weights[j] != 0) continue;
       Measurement again = map_.measurements(point)[j];
       if (good >= kMinGoodToSearch && measure_again(point, &again)) {
         map_.set_measurement(index, j, again);

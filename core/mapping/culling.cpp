@@ -145,12 +145,14 @@ Task<> KeyframeCuller::count_votes() {
     int rank[kMostMeasurements + 1];  // counted from 0; equal ones in the order of the measurements
     int j = 0;
     for (const Measurement& measurement : map_.measurements(point)) {
+      const int b = place_[measurement.keyframe];
       keyframe[j] = measurement.keyframe;
-      place[j] = place_[measurement.keyframe];
+      place[j] = b;
       rank[j] = 0;
       for (int i = 0; i < j; ++i) {
+        const int a = place[i];
         if (observers > 2) ++rank[m[j] > m[i] ? i : j];
-        if (common(place[i], place[j]) < 255) common(place[j], place[i]) = ++common(place[i], place[j]);
+        if (common(a, b) < 255) common(b, a) = ++common(a, b);
       }
       ++j;
     }

@@ -170,7 +170,7 @@ TEST_F(CullingTest, UsefulnessIsTheInformationThatWouldBeLost) {
     const MapPoint& point = map_.points()[index];
     for (int j = 0; j < views; ++j) {
       MapAccess::measurement(map_, index, j).at.level = static_cast<uint8_t>(random_.integer(1, 2));
-      map_.set_weight(index, j, static_cast<float>(random_.uniform(0, 1)));
+      MapAccess::measurement(map_, index, j).weight = static_cast<float>(random_.uniform(0, 1));
     }
     float m[kMostMeasurements + 1];
     measure_usefulness(map_, config_.camera, point, m);
@@ -184,7 +184,7 @@ TEST_F(CullingTest, UsefulnessIsTheInformationThatWouldBeLost) {
       EXPECT_NEAR(static_cast<double>(m[j]), factor * truth[static_cast<size_t>(j)], tolerance) << j;
     // Another weight is another usefulness.
     const double before = static_cast<double>(m[1]);
-    map_.set_weight(index, 1, 0.5f * map_.measurements(point)[1].weight);
+    MapAccess::measurement(map_, index, 1).weight *= 0.5f;
     measure_usefulness(map_, config_.camera, point, m);
     changes += std::abs(static_cast<double>(m[1]) - before);
     tolerances += tolerance;
@@ -259,7 +259,7 @@ TEST_F(CullingTest, TheSourcesMeasurementStays) {
   for (int k = 0; k < 9; ++k) seen_by.push_back(add_keyframe(0.06f * random_offset()));
   for (const bool measured : {true, false}) {
     const int point = add_point({0, 0, 1}, seen_by);
-    map_.set_weight(point, 4, 0);  // the least useful by far
+    MapAccess::measurement(map_, point, 4).weight = 0;  // the least useful by far
     MapAccess::point(map_, point).source.keyframe = measured ? 4 : -1;
     cull_measurements(map_, point, config_.camera, meter_);
     EXPECT_EQ(map_.points()[point].measurements.size(), 8);
@@ -294,7 +294,8 @@ TEST_F(CullingTest, VotesOfAMapCountedByHand) {
     add_keyframe({0.2f * std::cos(angle), 0.2f * std::sin(angle), 0});
   }
   const auto precise = [&](int index, const std::vector<float>& weights) {
-    for (size_t j = 0; j < weights.size(); ++j) map_.set_weight(index, static_cast<int>(j), weights[j]);
+    for (size_t j = 0; j < weights.size(); ++j)
+      MapAccess::measurement(map_, index, static_cast<int>(j)).weight = weights[j];
   };
   add_point({0, 0, 1}, {0, 1});                                                               // 0: 1/2, 1: 1/2
   precise(add_point({0, 0, 1}, {0, 2, 4}), {0.01f, 1, 0.1f});                                 // 2: 3/6, 4: 2/6, 0: 1/6
