@@ -86,7 +86,7 @@ struct PoseUpdate {
   Matrix6f covariance = Matrix6f::Zero();  // of mu in T_cw <- exp(mu) T_cw, velocity marginalised
   // Robust scale: 1-sigma of a component, in units of the rows' sigma; of rows of two components if there are any.
   float sigma = 0;
-  float cost = 0;   // sum of Tukey costs at that scale, floor as given
+  float cost = 0;   // sum of Tukey costs at that scale
   int inliers = 0;  // rows of non-zero weight
   bool ok = false;  // at least 6 inliers and a well-conditioned system; otherwise T_cw is the start
 };
@@ -101,8 +101,8 @@ struct PoseUpdate {
 //   while (!updater.advance()) co_await slice();
 //   use(updater.result());
 //
-// `rows` must stay where it is until then. sigma_floor, kRobustSigmaFloor for the library: smallest robust scale, in
-// units of the rows' sigma; keeps a handful of perfect points from rejecting all others.
+// `rows` must stay where it is until then. The robust scale is at least kRobustSigmaFloor: a handful of perfect points
+// does not reject all others. Rows of one and of two components have a scale each.
 class PoseUpdater {
  public:
   // Rows beyond max_rows are left out. 84 bytes of the arena each.

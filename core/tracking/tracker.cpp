@@ -248,7 +248,7 @@ void Tracker::relocalise(TrackResult* result) {
   mark_stage(Stage::kSearch, result);
   report_match(match, result);
   if (match.quality != TrackingQuality::kGood) return;
-  // Still kLost in the result's pose_valid: the next frame has to confirm it.
+  // No pose is shown yet: the next frame has to confirm this one.
   motion_.believe(match.pose, kRelocalisedInterval_s, matching_.mean_depth(match.pose.T_cw, motion_.mean_depth()));
   motion_.stop();
   confirmed_ = 1;
