@@ -30,9 +30,37 @@
 
 namespace pptam {
 
+class Arena;
+class Background;
+class CornerSource;     // image/corner_source.h
+class Initialiser;      // tracking/initialiser.h
+class KeyframeCulling;  // mapping/culling.h
+class Map;
+class PointSource;  // mapping/point_source.h
+struct Config;
+
+// A profile names its parts by the functions that build them, so that what no profile names is not linked. Each builds
+// one part in the arena (Arena::create), which measures first: the part is null then, and what it would have been given
+// may be.
+using CreateCornerSource = CornerSource*(Arena&, const Config&, WorkMeter&);
+using CreateInitialiser = Initialiser*(Arena&, const Config&, WorkMeter&, CornerSource*);
+using CreatePointSource = PointSource*(Arena&, const Config&, Map&, WorkMeter&, Background&, CornerSource*);
+using CreateKeyframeCulling = KeyframeCulling*(Arena&, const Config&, Map&, WorkMeter&, Background&);
+
+CreateCornerSource create_shi_tomasi_corners;     // multi-scale [phone 3.1]
+CreateInitialiser create_homography_initialiser;  // two-stage, from one tap [phone 5.1]
+CreatePointSource create_partial_points;          // inverse depth, frame by frame [phone 5.2]
+CreateKeyframeCulling create_usefulness_culling;  // by votes [phone 3.3]
+
 // Everything that can be set, passed once. Capacities bound memory and time; a full one shows in
 // TrackResult::limits_hit.
 struct Config {
+  // Parts. A Config of the default constructor has none: begin with phone().
+  CreateCornerSource* corner_source = nullptr;  // one, for initialiser and point source
+  CreateInitialiser* initialiser = nullptr;
+  CreatePointSource* point_source = nullptr;
+  CreateKeyframeCulling* culling = nullptr;
+
   Camera camera;            // lens and shutter; camera.model.prepare() is called by System::create
   float exposure_s = 0.0f;  // 0: unknown; used to predict motion blur
 
@@ -42,7 +70,7 @@ struct Config {
   // Erased keyframes that keep their images, for patches and to find the way back; the least useful is forgotten then.
   // Each takes 4/3 bytes a pixel.
   int max_erased_keyframes = 35;
-  int max_map_points = 1000;    // 35 keyframes with 25 new points each, and the first view's
+  int max_map_points = 1000;  // 35 keyframes with 25 new points each, and the first view's
   // Of all map points together, beyond the two that each point needs and has a place for; 24 bytes each.
   int max_measurements = 6000;
   // Beyond, the least useful one of a point goes [phone 3.2]. 2 to 32.
@@ -71,8 +99,8 @@ struct Config {
 
   PhoneProfile profile;  // turns charged work into time (the work clock)
 
-  // The 2009 phone's capacities for a camera of any size from 64x64 to 4096x4096. Its shutter is global until
-  // camera.shutter is set.
+  // The 2009 phone's parts and capacities, for a camera of any size from 64x64 to 4096x4096. Its shutter is global
+  // until camera.shutter is set.
   static Config phone(const CameraModel& model);
   Status validate() const;
 };

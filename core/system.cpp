@@ -25,25 +25,24 @@ struct System::Impl {
       : config(configuration),
         meter(config.profile),
         map(arena, config),
-        tracker(arena, config, map, meter),
-        mapper(arena, config, map, meter) {}
+        corner_source(config.corner_source(arena, config, meter)),
+        tracker(arena, config, map, meter, config.initialiser(arena, config, meter, corner_source)),
+        mapper(arena, config, map, meter, corner_source) {}
 
   Config config;
   WorkMeter meter;
   Map map;
+  CornerSource* corner_source;
   Tracker tracker;
   Mapper mapper;
   const Clock* clock = nullptr;
   int64_t last_timestamp_ns = INT64_MIN;
 };
 
-Config Config::phone(const CameraModel& model) {
-  Config config;
-  config.camera.model = model;
-  return config;
-}
-
 Status Config::validate() const {
+  if (!corner_source || !initialiser || !point_source || !culling)
+    return {StatusCode::kInvalidArgument,
+            "Config: corner_source, initialiser, point_source and culling must name a part: begin with Config::phone"};
   const CameraModel& model = camera.model;
   const Status status = model.validate();
   if (!status.ok()) return status;
@@ -60,8 +59,8 @@ Status Config::validate() const {
     return {StatusCode::kInvalidArgument, "Config::max_erased_keyframes must be within 0 to 1000"};
   if (max_map_points < 100 || max_map_points > 30000)
     return {StatusCode::kInvalidArgument, "Config::max_map_points must be within 100 to 30000"};
-  if (max_partial_points < 1 || max_partial_points > 30000)
-    return {StatusCode::kInvalidArgument, "Config::max_partial_points must be within 1 to 30000"};
+  if (max_partial_points < 0 || max_partial_points > 30000)
+    return {StatusCode::kInvalidArgument, "Config::max_partial_points must be within 0 to 30000"};
   if (max_measurements_per_point < 2 || max_measurements_per_point > kMostMeasurements)
     return {StatusCode::kInvalidArgument, "Config::max_measurements_per_point must be within 2 to 32"};
   if (max_measurements < 0 || max_measurements > 1000000)

@@ -10,6 +10,7 @@
 #include <new>
 #include <span>
 #include <type_traits>
+#include <utility>
 
 #include "base/status.h"
 
@@ -35,6 +36,15 @@ class Arena {
     if (array)
       for (size_t i = 0; i < count; ++i) new (array + i) T();
     return array;
+  }
+  // Builds a T, whose constructor's first argument is this arena. Null when measuring, and when the block is too small.
+  template <class T, class... Args>
+  T* create(Args&&... args) {
+    static_assert(alignof(T) <= kAlignment && std::is_trivially_destructible_v<T>);
+    void* place = allocate(sizeof(T));
+    if (place) return new (place) T(*this, std::forward<Args>(args)...);
+    const T measured(*this, std::forward<Args>(args)...);  // what it takes besides itself
+    return nullptr;
   }
   size_t used() const { return used_; }
   bool measuring() const { return measuring_; }

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "pocket_ptam.h"
+
 namespace pptam {
 namespace {
 
@@ -240,6 +242,22 @@ int CornerDetector::detect(const Pyramid& pyramid, const CornerParams& params, s
     count += progress == CornerProgress::kFound;
   }
   return count;
+}
+
+void ShiTomasiCorners::start(const Pyramid& pyramid) {
+  detector_.start(pyramid, CornerParams());
+}
+
+CornerProgress ShiTomasiCorners::advance(Corner* corner) {
+  const int pixels = detector_.scored_pixels(), steps = detector_.ascent_steps();
+  const CornerProgress progress = detector_.advance(corner);
+  meter_.charge(Work::kCornerPixel, detector_.scored_pixels() - pixels);
+  meter_.charge(Work::kCornerAscent, detector_.ascent_steps() - steps);
+  return progress;
+}
+
+CornerSource* create_shi_tomasi_corners(Arena& arena, const Config& config, WorkMeter& meter) {
+  return arena.create<ShiTomasiCorners>(config.camera.model.width, config.camera.model.height, meter);
 }
 
 }  // namespace pptam

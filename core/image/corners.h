@@ -10,16 +10,12 @@
 #include <cstdint>
 #include <span>
 
+#include "base/work_meter.h"
+#include "image/corner_source.h"
 #include "image/kernels.h"
 #include "image/pyramid.h"
 
 namespace pptam {
-
-struct Corner {
-  int16_t x = 0;  // level-0 pixels
-  int16_t y = 0;
-  float score = 0;  // smallest of the minimum eigenvalues of L0, L1, L2; mean squared gradient, grey^2 / px^2
-};
 
 struct CornerParams {
   // Smallest minimum eigenvalue of the structure tensor (mean over the window of squared central differences,
@@ -42,18 +38,10 @@ struct CornerParams {
 // must be at least 4 pixels inside. Central differences (I(x+1) - I(x-1)) / 2.
 float shi_tomasi_score(const GreyView& image, int x, int y);
 
-enum class CornerProgress : uint8_t { kWorking, kFound, kEnd };
-
-// Finds corners one after the other, so that a caller takes no more than it needs, in short pieces between which it may
-// pause: a row of L2 scored, one turn through the buckets put into order, or one maximum of L2 followed to L0.
-//
-//   detector.start(pyramid, params);
-//   for (CornerProgress p; (p = detector.advance(&corner)) != CornerProgress::kEnd;)
-//     if (p == CornerProgress::kFound) ...
-//
-// The order is fixed: by turns from the buckets, the strongest in L2 first. Two corners are never closer than 6 level-0
-// pixels. The pyramid must stay as it is until the last call. No allocation; memory is about 10 bytes for each L2
-// pixel.
+// Finds corners one after the other, as CornerSource says. A piece of work is a row of L2 scored, one turn through the
+// buckets put into order, or one maximum of L2 followed to L0. By turns from the buckets, the strongest in L2 first.
+// Corner::score is the smallest of the minimum eigenvalues in L0, L1 and L2: mean squared gradient, grey^2 / px^2. Two
+// corners are never closer than 6 level-0 pixels. No allocation; memory is about 10 bytes for each L2 pixel.
 class CornerDetector {
  public:
   CornerDetector() = default;
@@ -96,6 +84,20 @@ class CornerDetector {
   int next_ = 0;                           // in turn_
   int scored_pixels_ = 0;
   int ascent_steps_ = 0;
+};
+
+// The detector as Config's corner source.
+class ShiTomasiCorners final : public CornerSource {
+ public:
+  ShiTomasiCorners(Arena& arena, int width_l0, int height_l0, WorkMeter& meter)
+      : meter_(meter), detector_(arena, width_l0, height_l0) {}
+
+  void start(const Pyramid& pyramid) override;
+  CornerProgress advance(Corner* corner) override;
+
+ private:
+  WorkMeter& meter_;
+  CornerDetector detector_;
 };
 
 }  // namespace pptam

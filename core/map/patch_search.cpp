@@ -80,6 +80,12 @@ SearchOutcome find_template(const Pyramid& target, const PatchTemplate& patch, c
   return SearchOutcome::kFound;
 }
 
+bool predict_in_keyframe(const Map& map, const Camera& camera, int keyframe, const Vector3f& p_w,
+                         PredictedPoint* predicted) {
+  const Keyframe& k = map.keyframes()[keyframe];
+  return camera.project_rolling(k.T_kw, k.velocity, p_w, predicted) && camera.in_image(predicted->px, kSearchBorder_px);
+}
+
 SearchOutcome PatchFinder::find(const PatchSource& source, const Vector3f& p_w, const PredictedPoint& predicted,
                                 const Pyramid& target, const SearchOptions& options, ImagePoint* found) const {
   const Keyframe& keyframe = map_.keyframes()[source.keyframe];

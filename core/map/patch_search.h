@@ -43,6 +43,12 @@ bool warp_template(const Pyramid& source, const Vector2f& source_px, const Matri
 SearchOutcome find_template(const Pyramid& target, const PatchTemplate& patch, const Vector2f& predicted_px,
                             const SearchOptions& options, WorkMeter& meter, ImagePoint* found);
 
+// Where p_w appears in a keyframe, rolling shutter included. False when it is not in the image, kSearchBorder_px
+// inside.
+bool predict_in_keyframe(const Map& map, const Camera& camera, int keyframe, const Vector3f& p_w,
+                         PredictedPoint* predicted);
+constexpr int64_t kPredictionInstructions = 700;  // of that, as counted for the ARM1176
+
 // Finds patches of the map's keyframes in other images.
 class PatchFinder {
  public:

@@ -79,7 +79,8 @@ void cull_measurements(Map& map, int index, const Camera& camera, WorkMeter& met
   }
 }
 
-KeyframeCuller::KeyframeCuller(Arena& arena, const Config& config, Map& map, WorkMeter& meter, Background& background)
+UsefulnessCulling::UsefulnessCulling(Arena& arena, const Config& config, Map& map, WorkMeter& meter,
+                                     Background& background)
     : config_(config),
       map_(map),
       meter_(meter),
@@ -92,7 +93,7 @@ KeyframeCuller::KeyframeCuller(Arena& arena, const Config& config, Map& map, Wor
       reached_(arena, config.max_keyframes + 1),
       frontier_(arena, config.max_keyframes + 1) {}
 
-Task<int> KeyframeCuller::choose() {
+Task<int> UsefulnessCulling::choose() {
   co_await count_votes();
   // The graph's connection as it is: at the largest number of common points, up to kMinCommonPoints, that leaves it in
   // no more parts than any common point does. Whoever goes must not add a part to that.
@@ -120,7 +121,7 @@ Task<int> KeyframeCuller::choose() {
   }
 }
 
-Task<> KeyframeCuller::count_votes() {
+Task<> UsefulnessCulling::count_votes() {
   live_.clear();
   place_.resize(map_.keyframes().size());
   votes_.resize(map_.keyframes().size());
@@ -164,7 +165,7 @@ Task<> KeyframeCuller::count_votes() {
 }
 
 // Parts of the graph of live keyframes that share at least so many points, without one of them (a place; -1: with all).
-Task<int> KeyframeCuller::count_components(int without, int common_points) {
+Task<int> UsefulnessCulling::count_components(int without, int common_points) {
   int components = 0;
   std::fill(reached_.begin(), reached_.end(), uint8_t{0});
   for (int start = 0; start < live_.size(); ++start) {
@@ -186,36 +187,42 @@ Task<int> KeyframeCuller::count_components(int without, int common_points) {
   co_return components;
 }
 
-Task<> KeyframeCuller::erase(int keyframe) {
+KeyframeEraser::KeyframeEraser(Arena& arena, const Config& config, Map& map, Background& background)
+    : config_(config),
+      map_(map),
+      background_(background),
+      patches_(arena, keyframe_slots(config.max_keyframes, config.max_erased_keyframes)) {}
+
+Task<> KeyframeEraser::erase(int keyframe) {
+  const int64_t anchoring = kViewDistanceInstructions * map_.live_count();
   // Those anchored to it go to others first, one at a time.
   for (int k = 0; k < map_.keyframes().size(); ++k) {
     const Keyframe& other = map_.keyframes()[k];
     if (other.id == 0 || !other.erased || other.anchor != keyframe) continue;
     map_.anchor_keyframe(k, keyframe);
-    co_await background_.spend(Work::kOther, kViewDistanceInstructions * live_.size());
+    co_await background_.spend(Work::kOther, anchoring);
   }
   map_.erase_keyframe(keyframe);
-  co_await background_.spend(Work::kOther, 35LL * map_.points().size() + kViewDistanceInstructions * live_.size());
+  co_await background_.spend(Work::kOther, 35LL * map_.points().size() + anchoring);
 }
 
-Task<> KeyframeCuller::forget_surplus() {
+Task<> KeyframeEraser::forget_surplus() {
   if (map_.erased_count() <= config_.max_erased_keyframes) co_return;
   const int forgotten = co_await choose_forgotten();
-  const auto sources = static_cast<int64_t>(votes_[forgotten]);
+  const auto sources = static_cast<int64_t>(patches_[forgotten]);
   map_.forget_keyframe(forgotten);
   co_await background_.spend(Work::kOther,
                              15LL * (map_.points().size() + map_.partial_points().size()) +
                                  sources * config_.max_measurements_per_point * kViewDistanceInstructions);
 }
 
-Task<int> KeyframeCuller::choose_forgotten() {
-  // votes_ are done with: how many patches each keyframe is the source of.
-  votes_.resize(map_.keyframes().size());
-  std::fill(votes_.begin(), votes_.end(), 0.0f);
+Task<int> KeyframeEraser::choose_forgotten() {
+  patches_.resize(map_.keyframes().size());
+  std::fill(patches_.begin(), patches_.end(), 0.0f);
   for (const MapPoint& point : map_.points())
-    if (point.id != 0) votes_[point.source.keyframe] += 1;
+    if (point.id != 0) patches_[point.source.keyframe] += 1;
   for (const PartialPoint& partial : map_.partial_points())
-    if (partial.id != 0) votes_[partial.source.keyframe] += 1;
+    if (partial.id != 0) patches_[partial.source.keyframe] += 1;
   co_await background_.spend(Work::kOther, 8LL * (map_.points().size() + map_.partial_points().size()));
   int forgotten = -1;
   float least = 0;
@@ -226,7 +233,7 @@ Task<int> KeyframeCuller::choose_forgotten() {
     for (int other = 0; other < map_.keyframes().size(); ++other)
       if (other != k && map_.keyframes()[other].id != 0)
         nearest = std::min(nearest, Map::view_distance(keyframe, map_.keyframes()[other]));
-    const float value = nearest * (1 + votes_[k]);
+    const float value = nearest * (1 + patches_[k]);
     if (forgotten < 0 || value < least) {
       forgotten = k;
       least = value;
@@ -234,6 +241,11 @@ Task<int> KeyframeCuller::choose_forgotten() {
     co_await background_.spend(Work::kOther, kViewDistanceInstructions * map_.keyframes().size());
   }
   co_return forgotten;
+}
+
+KeyframeCulling* create_usefulness_culling(Arena& arena, const Config& config, Map& map, WorkMeter& meter,
+                                           Background& background) {
+  return arena.create<UsefulnessCulling>(config, map, meter, background);
 }
 
 }  // namespace pptam

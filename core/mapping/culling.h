@@ -38,26 +38,30 @@ float keyframe_vote(int observers, int rank);
 // source always stays.
 void cull_measurements(Map& map, int point, const Camera& camera, WorkMeter& meter);
 
-class KeyframeCuller {
+// Which keyframe goes when there is one too many: one kind is chosen by Config.
+class KeyframeCulling {
  public:
-  KeyframeCuller(Arena& arena, const Config& config, Map& map, WorkMeter& meter, Background& background);
+  // The live keyframe that can go; -1: none, the map is full. A coroutine of the mapper's.
+  virtual Task<int> choose() = 0;
 
-  // The live keyframe that can go; -1: none, the map is full.
-  Task<int> choose();
+ protected:
+  ~KeyframeCulling() = default;
+};
+
+// The phone's: by votes.
+class UsefulnessCulling final : public KeyframeCulling {
+ public:
+  UsefulnessCulling(Arena& arena, const Config& config, Map& map, WorkMeter& meter, Background& background);
+
+  Task<int> choose() override;
   // Of the live keyframe, at the last choice; for tests and figures.
   float votes(int keyframe) const { return votes_[keyframe]; }
-  // Erases it; forget_surplus() is to follow.
-  Task<> erase(int keyframe);
-  // If there are more erased keyframes than Config allows one is forgotten for good: the one whose view is most like
-  // another's, counted once more for every patch that it is the source of.
-  Task<> forget_surplus();
 
   FrameStack& frames() { return background_.frames(); }
 
  private:
   Task<> count_votes();
   Task<int> count_components(int without, int common);
-  Task<int> choose_forgotten();
   uint8_t& common(int a, int b) { return common_[a * live_.size() + b]; }
 
   const Config& config_;
@@ -71,6 +75,28 @@ class KeyframeCuller {
   FixedVector<uint8_t> common_;    // of each pair of live_: points that both measure, at most 255
   FixedVector<uint8_t> reached_;   // by place: in count_components
   FixedVector<int16_t> frontier_;  // places, likewise
+};
+
+// Takes keyframes out of the map in slices, whoever chose them [phone 3.3, footnote].
+class KeyframeEraser {
+ public:
+  KeyframeEraser(Arena& arena, const Config& config, Map& map, Background& background);
+
+  // forget_surplus() is to follow.
+  Task<> erase(int keyframe);
+  // If there are more erased keyframes than Config allows one is forgotten for good: the one whose view is most like
+  // another's, counted once more for every patch that it is the source of.
+  Task<> forget_surplus();
+
+  FrameStack& frames() { return background_.frames(); }
+
+ private:
+  Task<int> choose_forgotten();
+
+  const Config& config_;
+  Map& map_;
+  Background& background_;
+  FixedVector<float> patches_;  // by keyframe: how many it is the source of
 };
 
 }  // namespace pptam

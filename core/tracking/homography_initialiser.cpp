@@ -65,10 +65,11 @@ constexpr float kLeastSigma = 1e-6f;   // of a quantity known perfectly
 
 }  // namespace
 
-HomographyInitialiser::HomographyInitialiser(Arena& arena, const Config& config, WorkMeter& meter)
+HomographyInitialiser::HomographyInitialiser(Arena& arena, const Config& config, WorkMeter& meter,
+                                             CornerSource* corner_source)
     : config_(config),
       meter_(meter),
-      tracker_(arena, config, meter),
+      tracker_(arena, config, meter, corner_source),
       recorder_(arena, config, meter),
       hypotheses_(arena, config, meter),
       values_(arena, config.max_initial_points) {}
@@ -319,6 +320,11 @@ bool HomographyInitialiser::add_points(const Hypothesis& hypothesis, Map& map) {
     ++count;
   }
   return count >= kMinInitialPoints;
+}
+
+Initialiser* create_homography_initialiser(Arena& arena, const Config& config, WorkMeter& meter,
+                                           CornerSource* corner_source) {
+  return arena.create<HomographyInitialiser>(config, meter, corner_source);
 }
 
 }  // namespace pptam

@@ -22,7 +22,7 @@ namespace pptam {
 
 class HomographyInitialiser final : public Initialiser {
  public:
-  HomographyInitialiser(Arena& arena, const Config& config, WorkMeter& meter);
+  HomographyInitialiser(Arena& arena, const Config& config, WorkMeter& meter, CornerSource* corner_source);
 
   Hint start(const FrameInput& frame, const Vector3f& rotation_rate) override;
   Progress track(const FrameInput& frame, const Matrix3f& R_cp) override;

@@ -25,10 +25,10 @@ Matrix3f log_near_identity(const Matrix3f& M) {
 
 }  // namespace
 
-HomographyTracker::HomographyTracker(Arena& arena, const Config& config, WorkMeter& meter)
+HomographyTracker::HomographyTracker(Arena& arena, const Config& config, WorkMeter& meter, CornerSource* corner_source)
     : config_(config),
       meter_(meter),
-      corner_detector_(arena, config.camera.model.width, config.camera.model.height),
+      corner_source_(corner_source),
       corners_(arena, config.max_initial_points),
       points_(arena, config.max_initial_points),
       squared_(arena, config.max_initial_points),
@@ -39,9 +39,7 @@ HomographyTracker::HomographyTracker(Arena& arena, const Config& config, WorkMet
 
 bool HomographyTracker::start(const Pyramid& first_view, const Vector3f& rotation_rate) {
   corners_.resize(corners_.capacity());
-  const int count = corner_detector_.detect(first_view, CornerParams(), corners_);
-  meter_.charge(Work::kCornerPixel, corner_detector_.scored_pixels());
-  meter_.charge(Work::kCornerAscent, corner_detector_.ascent_steps());
+  const int count = corner_source_->detect(first_view, corners_);
   if (count < kMinCorners) return false;
   reset();
   for (int i = 0; i < count; ++i) {

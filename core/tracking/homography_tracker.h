@@ -7,7 +7,7 @@
 #pragma once
 
 #include "geometry/homography.h"
-#include "image/corners.h"
+#include "image/corner_source.h"
 #include "map/map.h"
 #include "map/patch_search.h"
 
@@ -31,7 +31,7 @@ struct TrackedPoint {
 
 class HomographyTracker {
  public:
-  HomographyTracker(Arena& arena, const Config& config, WorkMeter& meter);
+  HomographyTracker(Arena& arena, const Config& config, WorkMeter& meter, CornerSource* corner_source);
 
   // Corners of the first view. False, with nothing changed, when there are too few.
   bool start(const Pyramid& first_view, const Vector3f& rotation_rate);
@@ -66,7 +66,7 @@ class HomographyTracker {
 
   const Config& config_;
   WorkMeter& meter_;
-  CornerDetector corner_detector_;
+  CornerSource* corner_source_;
   FixedVector<Corner> corners_;
   FixedVector<TrackedPoint> points_;
   FixedVector<float> squared_, weights_;  // of a fit

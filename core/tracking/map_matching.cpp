@@ -176,4 +176,32 @@ void MapMatching::count_searches() {
       map_.count_search(attempt.point, attempt.outcome == Attempt::Outcome::kInlier);
 }
 
+void MapMatching::report(FixedVector<ObservedPoint>* observed) const {
+  observed->clear();
+  for (const Attempt& attempt : attempts_) {
+    ObservedPoint point;
+    switch (attempt.outcome) {
+      case Attempt::Outcome::kNotVisible:
+        continue;
+      case Attempt::Outcome::kMissed:
+        point.kind = ObservedKind::kMissed;
+        break;
+      case Attempt::Outcome::kHidden:
+        point.kind = ObservedKind::kHidden;
+        break;
+      case Attempt::Outcome::kOutlier:
+        point.kind = ObservedKind::kOutlier;
+        break;
+      case Attempt::Outcome::kInlier:
+        point.kind = ObservedKind::kInlier;
+        break;
+    }
+    point.px = attempt.at.px;
+    point.predicted_px = attempt.predicted_px;
+    point.point_id = map_.points()[attempt.point].id;
+    point.level = attempt.at.level;
+    observed->push_back(point);
+  }
+}
+
 }  // namespace pptam

@@ -32,6 +32,12 @@ struct MapMatch {
   int attempted = 0;  // searched, those excused that are hidden
   int found = 0;
   TrackingQuality quality = TrackingQuality::kBad;
+
+  void report(TrackResult* result) const {
+    result->points_attempted = attempted;
+    result->points_found = found;
+    result->points_inliers = pose.inliers;
+  }
 };
 
 class MapMatching {
@@ -52,7 +58,8 @@ class MapMatching {
   float reprojection_px() const;                           // rms error of a weighted measurement's coordinate
   int capacity() const { return selection_.capacity(); }
   void forget() { attempts_.clear(); }
-  void count_searches();  // in the map, for its points' statistics
+  void report(FixedVector<ObservedPoint>* observed) const;  // the attempts, in place of what was there
+  void count_searches();                                    // in the map, for its points' statistics
 
  private:
   struct Rows;

@@ -15,18 +15,13 @@ constexpr int kFramesToConfirm = 2;  // a pose that the relocaliser proposed
 // covers.
 constexpr float kBlurLimit_px = 6.0f;
 
-// Rest before initialisation starts by itself: its length, and the apparent rotation in radians/s that a hand at rest
-// does not exceed.
-constexpr float kSteadyTime_s = 0.3f;
-constexpr float kSteadySpeed = 0.2f;
-
 // After a longer gap the motion model's velocity says nothing.
 constexpr float kLongestGap_s = 1.0f;
 constexpr float kRelocalisedInterval_s = 1.0f;  // taken for that since the last pose, of which nothing is known
 
 }  // namespace
 
-Tracker::Tracker(Arena& arena, const Config& config, Map& map, WorkMeter& meter)
+Tracker::Tracker(Arena& arena, const Config& config, Map& map, WorkMeter& meter, Initialiser* initialiser)
     : config_(config),
       map_(map),
       meter_(meter),
@@ -35,22 +30,22 @@ Tracker::Tracker(Arena& arena, const Config& config, Map& map, WorkMeter& meter)
       matching_(arena, config, map, meter),
       depth_filter_(config, map, meter),
       keyframe_policy_(config, map, meter),
-      initialiser_(arena, config, meter),
+      initialiser_(initialiser),
+      start_trigger_(config),
       observed_(arena, config.max_measured_points + config.max_partial_searches) {}
 
 void Tracker::tap() {
   reset();
-  tap_pending_ = true;
+  start_trigger_.tap();
   hint_ = Hint::kNone;
 }
 
 void Tracker::reset() {
   map_.clear();
-  initialiser_.reset();
+  initialiser_->reset();
   state_ = TrackingState::kWaiting;
   hint_ = config_.auto_start ? Hint::kHoldStill : Hint::kTap;
-  steady_s_ = 0;
-  tap_pending_ = false;
+  start_trigger_.reset();
   motion_.forget();
   confirmed_ = 0;
 }
@@ -90,7 +85,7 @@ TrackResult Tracker::track(const Frame& frame, const Clock* clock) {
   mark_stage(Stage::kPyramid, &result);
 
   // The mapper may have changed the world's coordinates, or given the map up.
-  if (state_ != TrackingState::kWaiting && !initialiser_.active() && !map_.exists()) {
+  if (state_ != TrackingState::kWaiting && !initialiser_->active() && !map_.exists()) {
     state_ = TrackingState::kWaiting;
     hint_ = Hint::kStartLost;
     motion_.lose();
@@ -141,12 +136,12 @@ void Tracker::track_with_map(TrackResult* result) {
   MapMatch match = matching_.match(frame_.pyramid(), motion_, search);
   if (search == Search::kNormal && match.quality == TrackingQuality::kBad)
     match = matching_.match(frame_.pyramid(), motion_, Search::kWide);
-  report_attempts();
+  matching_.report(&observed_);
   mark_stage(Stage::kSearch, result);
 
   result->quality = match.quality;
   result->blurred = blurred;
-  report_match(match, result);
+  match.report(result);
   result->reprojection_px = matching_.reprojection_px();
   if (match.visible > matching_.capacity()) result->limits_hit |= kLimitMeasuredPoints;
 
@@ -202,40 +197,6 @@ void Tracker::accept(const MapMatch& match, bool blurred, TrackResult* result) {
   mark_stage(Stage::kKeyframe, result);
 }
 
-void Tracker::report_match(const MapMatch& match, TrackResult* result) const {
-  result->points_attempted = match.attempted;
-  result->points_found = match.found;
-  result->points_inliers = match.pose.inliers;
-}
-
-void Tracker::report_attempts() {
-  observed_.clear();
-  for (const Attempt& attempt : matching_.attempts()) {
-    ObservedPoint observed;
-    switch (attempt.outcome) {
-      case Attempt::Outcome::kNotVisible:
-        continue;
-      case Attempt::Outcome::kMissed:
-        observed.kind = ObservedKind::kMissed;
-        break;
-      case Attempt::Outcome::kHidden:
-        observed.kind = ObservedKind::kHidden;
-        break;
-      case Attempt::Outcome::kOutlier:
-        observed.kind = ObservedKind::kOutlier;
-        break;
-      case Attempt::Outcome::kInlier:
-        observed.kind = ObservedKind::kInlier;
-        break;
-    }
-    observed.px = attempt.at.px;
-    observed.predicted_px = attempt.predicted_px;
-    observed.point_id = map_.points()[attempt.point].id;
-    observed.level = attempt.at.level;
-    observed_.push_back(observed);
-  }
-}
-
 void Tracker::relocalise(TrackResult* result) {
   motion_.stop();
   const RelocalisationCandidate candidate =
@@ -244,9 +205,9 @@ void Tracker::relocalise(TrackResult* result) {
   if (candidate.keyframe < 0) return;
   motion_.start_guess(map_.keyframes()[candidate.keyframe].mean_depth);
   const MapMatch match = matching_.match(frame_.pyramid(), motion_, MapMatching::Search::kWide, candidate.T_cw);
-  report_attempts();
+  matching_.report(&observed_);
   mark_stage(Stage::kSearch, result);
-  report_match(match, result);
+  match.report(result);
   if (match.quality != TrackingQuality::kGood) return;
   // No pose is shown yet: the next frame has to confirm this one.
   motion_.believe(match.pose, kRelocalisedInterval_s, matching_.mean_depth(match.pose.T_cw, motion_.mean_depth()));
@@ -255,40 +216,24 @@ void Tracker::relocalise(TrackResult* result) {
   state_ = TrackingState::kTracking;
 }
 
-// A tap, or by itself after a moment of rest.
-bool Tracker::wants_start() {
-  if (tap_pending_) return true;
-  if (!config_.auto_start) return false;
-  const bool steady = motion_.rotation_seen() && motion_.prior().mean.tail<3>().norm() < kSteadySpeed;
-  steady_s_ = steady ? steady_s_ + frame_.dt_s() : 0;
-  if (steady_s_ >= kSteadyTime_s) return true;
-  if (frame_.has_previous() && !motion_.rotation_seen()) {
-    hint_ = Hint::kTooLittleTexture;       // not even the smallest image can be followed
-  } else if (hint_ != Hint::kStartLost) {  // bad news stays until the next start
-    hint_ = Hint::kHoldStill;
-  }
-  return false;
-}
-
 void Tracker::track_initialiser(TrackResult* result) {
-  if (!initialiser_.active()) {
-    if (!wants_start()) return;
-    hint_ = initialiser_.start(frame_, motion_.prior().mean.tail<3>());
+  if (!initialiser_->active()) {
+    if (!start_trigger_.wants_start(frame_, motion_, &hint_)) return;
+    hint_ = initialiser_->start(frame_, motion_.prior().mean.tail<3>());
     if (hint_ != Hint::kNone) return;  // the tap stays pending until the view is suitable
-    tap_pending_ = false;
-    steady_s_ = 0;
+    start_trigger_.reset();
     state_ = TrackingState::kInitialising;
     hint_ = Hint::kMoveSideways;
     return;
   }
   if (frame_.dt_s() > kLongestGap_s) {  // too long to predict where the points are
-    initialiser_.reset();
+    initialiser_->reset();
     state_ = TrackingState::kWaiting;
     hint_ = Hint::kStartLost;
     return;
   }
-  const Initialiser::Progress progress = initialiser_.track(frame_, motion_.R_cp());
-  const Initialiser::Report& report = initialiser_.report();
+  const Initialiser::Progress progress = initialiser_->track(frame_, motion_.R_cp());
+  const Initialiser::Report& report = initialiser_->report();
   result->progress = report.progress;
   result->points = report.observed;
   result->points_attempted = report.attempted;
@@ -299,8 +244,8 @@ void Tracker::track_initialiser(TrackResult* result) {
   } else if (progress == Initialiser::Progress::kDone) {
     SE3 T_cw;
     Vector6f velocity;
-    const bool built = initialiser_.build(map_, &T_cw, &velocity);
-    initialiser_.reset();
+    const bool built = initialiser_->build(map_, &T_cw, &velocity);
+    initialiser_->reset();
     if (!built) {
       state_ = TrackingState::kWaiting;
       hint_ = Hint::kStartLost;

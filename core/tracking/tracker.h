@@ -6,22 +6,23 @@
 //      └──────────────────────────┘                                  └──────▶ kLost ──────────┘
 //
 // FrameInput ─▶ MotionModel, FullFrameRotation ─▶ MapMatching ─▶ StillCamera ─▶ TrackResult; with a good pose also
-// DepthFilter and KeyframePolicy; without a map HomographyInitialiser; lost, the relocaliser. Of the map it changes
+// DepthFilter and KeyframePolicy; without a map the initialiser; lost, the relocaliser. Of the map it changes
 // search statistics, partial points' depths and the queue of new keyframes. Bounded time; runs to completion.
 #pragma once
 
 #include "tracking/depth_filter.h"
 #include "tracking/frame_input.h"
-#include "tracking/homography_initialiser.h"
+#include "tracking/initialiser.h"
 #include "tracking/keyframe_policy.h"
 #include "tracking/map_matching.h"
+#include "tracking/start_trigger.h"
 #include "tracking/still_camera.h"
 
 namespace pptam {
 
 class Tracker {
  public:
-  Tracker(Arena& arena, const Config& config, Map& map, WorkMeter& meter);
+  Tracker(Arena& arena, const Config& config, Map& map, WorkMeter& meter, Initialiser* initialiser);
 
   // The frame has been validated. clock may be null (no stage times).
   TrackResult track(const Frame& frame, const Clock* clock);
@@ -39,9 +40,6 @@ class Tracker {
   void miss();
   void relocalise(TrackResult* result);
   void track_initialiser(TrackResult* result);
-  bool wants_start();
-  void report_attempts();
-  void report_match(const MapMatch& match, TrackResult* result) const;
   void mark_stage(Stage stage, TrackResult* result);
 
   const Config& config_;
@@ -57,13 +55,12 @@ class Tracker {
   StillCamera still_camera_;
   DepthFilter depth_filter_;
   KeyframePolicy keyframe_policy_;
-  HomographyInitialiser initialiser_;
+  Initialiser* initialiser_;
+  StartTrigger start_trigger_;
   FixedVector<ObservedPoint> observed_;
 
   TrackingState state_ = TrackingState::kWaiting;
   Hint hint_ = Hint::kTap;
-  bool tap_pending_ = false;
-  float steady_s_ = 0;  // for how long the camera has been held still, while waiting
   int confirmed_ = 0;   // frames of a relocalisation that have held
   int relocalise_attempt_ = 0;
 };

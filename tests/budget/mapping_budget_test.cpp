@@ -71,7 +71,7 @@ bool less(const Spent& a, const Spent& b) {
 class Culling : public Background {
  public:
   Culling(Arena& arena, const Config& config, WorkMeter& meter)
-      : Background(arena, 8192, meter), map(arena, config), culler_(arena, config, map, meter, *this) {}
+      : Background(arena, 8192, meter), map(arena, config), culling_(arena, config, map, meter, *this) {}
 
   void fill(const Camera& camera) {
     test::Random random;
@@ -100,10 +100,10 @@ class Culling : public Background {
 
  private:
   Task<> decision() {
-    co_await culler_.choose();
+    co_await culling_.choose();
     done_ = true;
   }
-  KeyframeCuller culler_;
+  UsefulnessCulling culling_;
   Task<> task_;
   bool done_ = false;
 };

@@ -21,8 +21,9 @@ struct Parts {
     config.camera.model.prepare();
     Arena arena(std::as_writable_bytes(std::span(memory)));
     map = Map(arena, config);
-    tracker = std::make_unique<Tracker>(arena, config, map, meter);
-    mapper = std::make_unique<Mapper>(arena, config, map, meter);
+    CornerSource* const corners = config.corner_source(arena, config, meter);
+    tracker = std::make_unique<Tracker>(arena, config, map, meter, config.initialiser(arena, config, meter, corners));
+    mapper = std::make_unique<Mapper>(arena, config, map, meter, corners);
     EXPECT_FALSE(arena.overflowed());
     tracker->tap();
   }

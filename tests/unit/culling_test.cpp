@@ -32,13 +32,16 @@ Config small_config() {
 class Job : public Background {
  public:
   Job(Arena& arena, WorkMeter& meter) : Background(arena, 8192, meter) {}
-  void start(Task<> (*work)(Job&, KeyframeCuller&, int), KeyframeCuller& culler, int keyframe) {
+  void start(Task<> (*work)(Job&)) {
     done = false;
     resume();
     task_ = Task<>();  // frames are last in, first out
-    task_ = work(*this, culler, keyframe);
+    task_ = work(*this);
     task_.start();
   }
+  UsefulnessCulling* culling = nullptr;
+  KeyframeEraser* eraser = nullptr;
+  int to_erase = -1;
   bool done = false;
   int chosen = -1;
 
@@ -46,13 +49,13 @@ class Job : public Background {
   Task<> task_;
 };
 
-Task<> choose_job(Job& job, KeyframeCuller& culler, int) {
-  job.chosen = co_await culler.choose();
+Task<> choose_job(Job& job) {
+  job.chosen = co_await job.culling->choose();
   job.done = true;
 }
-Task<> erase_job(Job& job, KeyframeCuller& culler, int keyframe) {
-  co_await culler.erase(keyframe);
-  co_await culler.forget_surplus();
+Task<> erase_job(Job& job) {
+  co_await job.eraser->erase(job.to_erase);
+  co_await job.eraser->forget_surplus();
   job.done = true;
 }
 
@@ -72,7 +75,10 @@ class CullingTest : public ::testing::Test {
   void build(Arena& arena) {
     map_ = Map(arena, config_);
     job_ = std::make_unique<Job>(arena, meter_);
-    culler_ = std::make_unique<KeyframeCuller>(arena, config_, map_, meter_, *job_);
+    culling_ = std::make_unique<UsefulnessCulling>(arena, config_, map_, meter_, *job_);
+    eraser_ = std::make_unique<KeyframeEraser>(arena, config_, map_, *job_);
+    job_->culling = culling_.get();
+    job_->eraser = eraser_.get();
   }
 
   // At centre, looking along z.
@@ -96,12 +102,13 @@ class CullingTest : public ::testing::Test {
             static_cast<float>(random_.uniform(0.9, 1.1))};
   }
   int choose() {
-    job_->start(choose_job, *culler_, -1);
+    job_->start(choose_job);
     while (!job_->done) job_->resume();
     return job_->chosen;
   }
   void erase(int keyframe) {
-    job_->start(erase_job, *culler_, keyframe);
+    job_->to_erase = keyframe;
+    job_->start(erase_job);
     while (!job_->done) job_->resume();
   }
   // What the header of Map promises between two slices.
@@ -128,7 +135,8 @@ class CullingTest : public ::testing::Test {
   Arena arena_;
   Map map_;
   std::unique_ptr<Job> job_;
-  std::unique_ptr<KeyframeCuller> culler_;
+  std::unique_ptr<UsefulnessCulling> culling_;
+  std::unique_ptr<KeyframeEraser> eraser_;
 };
 
 // ---- measurements ----
@@ -301,12 +309,12 @@ TEST_F(CullingTest, VotesOfAMapCountedByHand) {
   precise(add_point({0, 0, 1}, {0, 2, 4}), {0.01f, 1, 0.1f});                                 // 2: 3/6, 4: 2/6, 0: 1/6
   precise(add_point({0, 0, 1}, {0, 1, 2, 3, 4, 5}), {1, 1e-5f, 1e-2f, 1e-4f, 1e-3f, 1e-1f});  // 0, 5, 2, 4: 4 to 1 / 10
   choose();
-  EXPECT_NEAR(culler_->votes(0), 0.5 + 1.0 / 6 + 0.4, 1e-6);
-  EXPECT_NEAR(culler_->votes(1), 0.5, 1e-6) << "rank six of six takes nothing away";
-  EXPECT_NEAR(culler_->votes(2), 0.5 + 0.2, 1e-6);
-  EXPECT_NEAR(culler_->votes(3), 0, 1e-6);
-  EXPECT_NEAR(culler_->votes(4), 2.0 / 6 + 0.1, 1e-6);
-  EXPECT_NEAR(culler_->votes(5), 0.3, 1e-6);
+  EXPECT_NEAR(culling_->votes(0), 0.5 + 1.0 / 6 + 0.4, 1e-6);
+  EXPECT_NEAR(culling_->votes(1), 0.5, 1e-6) << "rank six of six takes nothing away";
+  EXPECT_NEAR(culling_->votes(2), 0.5 + 0.2, 1e-6);
+  EXPECT_NEAR(culling_->votes(3), 0, 1e-6);
+  EXPECT_NEAR(culling_->votes(4), 2.0 / 6 + 0.1, 1e-6);
+  EXPECT_NEAR(culling_->votes(5), 0.3, 1e-6);
 }
 
 TEST_F(CullingTest, TheLeastUsefulUnderTheThresholdGoes) {
@@ -315,10 +323,10 @@ TEST_F(CullingTest, TheLeastUsefulUnderTheThresholdGoes) {
     for (int i = 0; i < 60; ++i) add_point(random_point(), {0, k});  // thirty votes each
   for (int i = 0; i < 20; ++i) add_point(random_point(), {0, 3});    // ten votes for 3
   EXPECT_EQ(choose(), 3);
-  EXPECT_FLOAT_EQ(culler_->votes(3), 10);
+  EXPECT_FLOAT_EQ(culling_->votes(3), 10);
   for (int i = 0; i < 50; ++i) add_point(random_point(), {0, 3});
   EXPECT_NE(choose(), 3) << "over the threshold now";
-  EXPECT_FLOAT_EQ(culler_->votes(3), 35);
+  EXPECT_FLOAT_EQ(culling_->votes(3), 35);
 }
 
 TEST_F(CullingTest, TheDatumAndTheTwoNewestStay) {
@@ -343,8 +351,8 @@ TEST_F(CullingTest, NeverSplitsTheMap) {
   add(16, {5, 6});  // sixteen votes for the bridge
   // The bridge has the fewest votes, and would go by the paper's rule.
   const int chosen = choose();
-  for (int k = 1; k < 9; ++k) EXPECT_TRUE(k == bridge || culler_->votes(k) > culler_->votes(bridge)) << k;
-  EXPECT_LT(culler_->votes(bridge), kMostVotesToErase);
+  for (int k = 1; k < 9; ++k) EXPECT_TRUE(k == bridge || culling_->votes(k) > culling_->votes(bridge)) << k;
+  EXPECT_LT(culling_->votes(bridge), kMostVotesToErase);
   EXPECT_NE(chosen, bridge);
   // 4 and 6 hold it up too.
   EXPECT_NE(chosen, 4);
@@ -373,7 +381,7 @@ TEST_F(CullingTest, ADecisionIsCheapAndInSlices) {
       }
       const int64_t start = meter_.instructions();
       int64_t slice_start = start, longest = 0;
-      job_->start(choose_job, *culler_, -1);
+      job_->start(choose_job);
       for (;;) {
         longest = std::max(longest, meter_.instructions() - slice_start);
         if (job_->done) break;

@@ -46,10 +46,12 @@ class World {
       point.source.normal = -(map().keyframes()[point.source.keyframe].T_kw * point.p_w).normalized();
     }
     Arena measure;
-    const Mapper measured(measure, small_.config, small_.map, meter_);
+    const Mapper measured(measure, small_.config, small_.map, meter_,
+                          small_.config.corner_source(measure, small_.config, meter_));
     memory_.resize(measure.used() / sizeof(std::max_align_t) + 1);
     Arena arena({reinterpret_cast<std::byte*>(memory_.data()), measure.used()});
-    mapper_ = std::make_unique<Mapper>(arena, small_.config, small_.map, meter_);
+    mapper_ = std::make_unique<Mapper>(arena, small_.config, small_.map, meter_,
+                                       small_.config.corner_source(arena, small_.config, meter_));
   }
   void run() {
     while (mapper_->has_work()) mapper_->work_slice();

@@ -1,0 +1,48 @@
+// A map that an initialiser has just made becomes one that may be shown: poses of the views between the first and the
+// last, velocities, bundle adjustment, and coordinates that lie on the dominant plane [phone 5.1, ptam 6.1].
+#pragma once
+
+#include "map/map.h"
+#include "mapping/bundle_adjustment.h"
+#include "mapping/keyframe_pose.h"
+#include "scheduler/task.h"
+
+namespace pptam {
+
+class InitialMap {
+ public:
+  InitialMap(Arena& arena, const Config& config, Map& map, WorkMeter& meter, Background& background,
+             BundleAdjuster& bundle, KeyframePose& pose);
+
+  // A coroutine of `background`. False when the map does not explain its measurements, too little of it is left, or it
+  // has no plane to lie on: it is of no use then.
+  Task<bool> finish();
+
+  FrameStack& frames() { return background_.frames(); }
+
+ private:
+  // Points of the plane: normal . p = offset, in the first camera's frame.
+  struct Plane {
+    Vector3f normal = Vector3f::UnitZ();
+    float offset = 0;
+    bool found = false;
+  };
+
+  Task<bool> locate_views();
+  Task<> measure_velocities();
+  Task<bool> align_to_dominant_plane();
+  Task<Plane> sample_planes(float threshold);
+  Task<Plane> refine(Plane plane, float threshold);
+  bool lay_on(const Plane& plane, float threshold);
+  Vector3f p_1(int i) const;  // of points_[i], first camera's frame
+
+  const Config& config_;
+  Map& map_;
+  WorkMeter& meter_;
+  Background& background_;
+  BundleAdjuster& bundle_;
+  KeyframePose& pose_;
+  FixedVector<int16_t> points_;  // indices of those among which the plane is sought
+};
+
+}  // namespace pptam

@@ -1,0 +1,161 @@
+#include "mapping/partial_points.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "geometry/two_view.h"
+
+namespace pptam {
+
+namespace {
+
+constexpr uint8_t kCornerLevel = 1;  // how precisely a partial point's corner is known
+constexpr float kMinCornerDistance_px = 10.0f;
+constexpr float kMaxPromotionError_px = 4.0f;
+constexpr float kMinParallax_rad = 0.015f;
+constexpr float kMaxRelativeDepthSigma = 0.15f;
+constexpr float kMeasurementNoise_px = 0.8f;  // sub-pixel noise and what the rolling shutter's correction leaves
+constexpr int64_t kTriangulationInstructions = 3500;  // of a partial point, with its checks, as counted for the ARM1176
+
+}  // namespace
+
+PartialPoints::PartialPoints(Arena& arena, const Config& config, Map& map, WorkMeter& meter, Background& background,
+                             CornerSource* corner_source)
+    : config_(config),
+      map_(map),
+      meter_(meter),
+      background_(background),
+      corner_source_(corner_source),
+      finder_(map, config.camera, meter),
+      occupied_(arena, config.max_map_points + config.max_partial_points) {}
+
+Task<> PartialPoints::grow(int keyframe) {
+  co_await promote_all(keyframe);
+  co_await add_corners(keyframe);
+}
+
+Task<> PartialPoints::promote_all(int keyframe) {
+  for (int i = 0; i < map_.partial_points().size(); ++i) {
+    const PartialPoint& partial = map_.partial_points()[i];
+    if (partial.id == 0 || partial.source.keyframe == keyframe) continue;
+    co_await background_.slice();
+    if (partial.id != 0 && !promote(i, keyframe)) co_return;  // the tracker may have dropped it meanwhile
+  }
+}
+
+// One that the new keyframe sees is triangulated from its original keyframe and becomes a map point; what the filter
+// knew was good for finding it only [phone 5.2]. If its keyframe has been erased it is measured in the live keyframe
+// nearest to that as well: a point needs two measurements. False when the map can take no more points.
+bool PartialPoints::promote(int i, int keyframe) {
+  const Camera& camera = config_.camera;
+  const PartialPoint& partial = map_.partial_points()[i];
+  const Keyframe& source = map_.keyframes()[partial.source.keyframe];
+  const Keyframe& target = map_.keyframes()[keyframe];
+  const SE3 T_ws = source.T_kw.inverse();
+  Vector3f p_w = T_ws * Vector3f(partial.ray / partial.inverse_depth);
+  PredictedPoint predicted;
+  meter_.charge(Work::kOther, 2 * kPredictionInstructions);
+  if (!predict_in_keyframe(map_, camera, keyframe, p_w, &predicted)) return true;
+  // Along the epipolar line as far as two sigma of the depth reach, from either side.
+  const float sigma_q = partial.information > 0 ? 1.0f / std::sqrt(partial.information) : partial.inverse_depth;
+  const Vector3f further_w = T_ws * Vector3f(partial.ray / (partial.inverse_depth + sigma_q));
+  PredictedPoint further;
+  SearchOptions options;
+  options.level = config_.search_level;
+  options.radius_px = 4;
+  if (predict_in_keyframe(map_, camera, keyframe, further_w, &further))
+    options.radius_px = std::clamp(2.0f + (further.px - predicted.px).norm(), 3.0f, 8.0f);
+  ImagePoint found;
+  const SearchOutcome outcome = finder_.find(partial.source, p_w, predicted, target.pyramid, options, &found);
+  if (outcome == SearchOutcome::kNotVisible) return true;
+  map_.count_partial_search(i, outcome == SearchOutcome::kFound);
+  if (outcome == SearchOutcome::kNotFound) return true;
+  meter_.charge(Work::kOther, kTriangulationInstructions);
+  const Vector2f px_source = camera.global_shutter_px(source.velocity, source.T_kw * p_w, partial.source.px);
+  const Vector2f px_target = camera.global_shutter_px(target.velocity, target.T_kw * p_w, found.px);
+  const SE3 T_ts = target.T_kw * T_ws;
+  Triangulated triangulated;
+  if (!triangulate(T_ts, camera.unproject(px_source), camera.unproject(px_target), kMinParallax_rad, &triangulated))
+    return true;
+  const float relative_sigma =
+      triangulated.sigma_inverse_depth * triangulated.p_1.z() * kMeasurementNoise_px / camera.model.fx;
+  if (!(relative_sigma < kMaxRelativeDepthSigma)) return true;
+  Vector2f check_source, check_target;
+  if (!camera.project(triangulated.p_1, &check_source) || !camera.project(T_ts * triangulated.p_1, &check_target) ||
+      (check_source - px_source).norm() > kMaxPromotionError_px ||
+      (check_target - px_target).norm() > kMaxPromotionError_px) {
+    map_.count_partial_search(i, false);  // off the epipolar line: another patch
+    return true;
+  }
+  p_w = T_ws * triangulated.p_1;
+  Measurement first{{partial.source.px, kCornerLevel}, partial.source.keyframe};
+  if (!source.live()) {
+    first.keyframe = static_cast<int16_t>(map_.nearest_live(partial.source.keyframe, keyframe));
+    options.radius_px = 4;
+    if (!predict_in_keyframe(map_, camera, first.keyframe, p_w, &predicted) ||
+        finder_.find(partial.source, p_w, predicted, map_.keyframes()[first.keyframe].pyramid, options, &first.at) !=
+            SearchOutcome::kFound ||
+        (first.at.px - predicted.px).norm() > kMaxPromotionError_px) {
+      map_.count_partial_search(i, false);
+      return true;
+    }
+  }
+  const int point = map_.add_point(p_w, partial.source);
+  if (point < 0) return false;
+  map_.add_measurement(point, first);
+  map_.add_measurement(point, {found, static_cast<int16_t>(keyframe)});
+  map_.remove_partial_point(i);
+  return true;
+}
+
+// Where points and partial points are in the keyframe.
+Task<> PartialPoints::find_occupied(int keyframe) {
+  occupied_.clear();
+  PredictedPoint predicted;
+  for (const MapPoint& point : map_.points()) {
+    if (point.id == 0) continue;
+    if (predict_in_keyframe(map_, config_.camera, keyframe, point.p_w, &predicted)) occupied_.push_back(predicted.px);
+    co_await background_.spend(Work::kOther, kPredictionInstructions);
+  }
+  for (const PartialPoint& partial : map_.partial_points()) {
+    if (partial.id == 0) continue;
+    const SE3 T_ws = map_.keyframes()[partial.source.keyframe].T_kw.inverse();
+    const Vector3f p_w = T_ws * Vector3f(partial.ray / partial.inverse_depth);
+    if (predict_in_keyframe(map_, config_.camera, keyframe, p_w, &predicted)) occupied_.push_back(predicted.px);
+    co_await background_.spend(Work::kOther, kPredictionInstructions);
+  }
+}
+
+// Up to Config::max_new_partial_points corners of the keyframe, far enough from what is there [phone 5.2].
+Task<> PartialPoints::add_corners(int keyframe) {
+  const Keyframe& frame = map_.keyframes()[keyframe];
+  co_await find_occupied(keyframe);
+  corner_source_->start(frame.pyramid);
+  int added = 0;
+  Corner corner;
+  while (added < config_.max_new_partial_points) {
+    const CornerProgress progress = corner_source_->advance(&corner);
+    co_await background_.slice();
+    if (progress == CornerProgress::kEnd) break;
+    if (progress != CornerProgress::kFound) continue;
+    const Vector2f px(static_cast<float>(corner.x), static_cast<float>(corner.y));
+    bool free = true;
+    for (const Vector2f& other : occupied_)
+      free = free && (other - px).squaredNorm() > kMinCornerDistance_px * kMinCornerDistance_px;
+    meter_.charge(Work::kOther, 6LL * occupied_.size());
+    if (!free) continue;
+    const Vector2f normalised = config_.camera.unproject(px);
+    const Vector3f ray(normalised.x(), normalised.y(), 1.0f);
+    const PatchSource source{static_cast<int16_t>(keyframe), px, -ray.normalized()};
+    if (map_.add_partial_point(source, ray, 1.0f / frame.mean_depth) < 0) co_return;
+    occupied_.push_back(px);
+    ++added;
+  }
+}
+
+PointSource* create_partial_points(Arena& arena, const Config& config, Map& map, WorkMeter& meter,
+                                   Background& background, CornerSource* corner_source) {
+  return arena.create<PartialPoints>(config, map, meter, background, corner_source);
+}
+
+}  // namespace pptam

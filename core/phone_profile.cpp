@@ -1,0 +1,17 @@
+// The profile of the 2009 phone.
+#include "pocket_ptam.h"
+
+namespace pptam {
+
+// Its capacities are Config's defaults.
+Config Config::phone(const CameraModel& model) {
+  Config config;
+  config.corner_source = create_shi_tomasi_corners;
+  config.initialiser = create_homography_initialiser;
+  config.point_source = create_partial_points;
+  config.culling = create_usefulness_culling;
+  config.camera.model = model;
+  return config;
+}
+
+}  // namespace pptam

@@ -1,0 +1,28 @@
+// When initialisation begins: at a tap, or by itself after a moment of rest (Config::auto_start).
+#pragma once
+
+#include "camera/motion_model.h"
+#include "pocket_ptam.h"
+#include "tracking/frame_input.h"
+
+namespace pptam {
+
+class StartTrigger {
+ public:
+  explicit StartTrigger(const Config& config) : config_(config) {}
+
+  void tap() { tapped_ = true; }
+  void reset() {
+    tapped_ = false;
+    steady_s_ = 0;
+  }
+  // Once a frame while there is nothing to track. A tap stays until reset(). *hint says what is missing.
+  bool wants_start(const FrameInput& frame, const MotionModel& motion, Hint* hint);
+
+ private:
+  const Config& config_;
+  bool tapped_ = false;
+  float steady_s_ = 0;  // for how long the camera has been held still
+};
+
+}  // namespace pptam
