@@ -1,5 +1,5 @@
 // The profile of the 2009 phone.
-#include "pocket_ptam.h"
+#include <pocket_ptam/config.h>
 
 namespace pptam {
 

@@ -1,12 +1,11 @@
 // Wires tracking, mapping and the map together inside the caller's block of memory.
 #include <new>
 
-#include "camera/pose_update.h"
-#include "geometry/robust.h"
-#include "image/grey.h"
+#include <pocket_ptam/image.h>
+#include <pocket_ptam/pocket_ptam.h>
+#include "base/assert.h"
 #include "map/map_file.h"
 #include "mapping/mapper.h"
-#include "pocket_ptam.h"
 #include "tracking/tracker.h"
 
 namespace pptam {
@@ -156,7 +155,7 @@ void System::reset() {
 
 Status System::set_length(uint32_t point_a, uint32_t point_b, float length) {
   Map& map = impl_->map;
-  if (!map.ready()) return {StatusCode::kInvalidArgument, "set_length: there is no map yet"};
+  if (!map.ready()) return {StatusCode::kNotReady, "set_length: there is no map yet"};
   const MapPoint* a = nullptr;
   const MapPoint* b = nullptr;
   for (const MapPoint& point : map.points()) {
@@ -182,7 +181,7 @@ size_t System::map_bytes() const {
 
 Status System::save_map(std::span<std::byte> out, size_t* bytes) const {
   const size_t needed = map_bytes();
-  if (needed == 0) return {StatusCode::kInvalidArgument, "save_map: there is no finished map yet"};
+  if (needed == 0) return {StatusCode::kNotReady, "save_map: there is no finished map yet"};
   if (out.size() < needed) return {StatusCode::kOutOfMemory, "save_map: out is smaller than map_bytes()"};
   write_map_file(impl_->map, impl_->config, out.first(needed));
   impl_->meter.charge(Work::kOther, static_cast<int64_t>(2 * needed) * kMapFileInstructions);
@@ -270,80 +269,14 @@ GreyView System::keyframe_image(uint32_t id) const {
   return {};
 }
 
-MapFit System::map_fit() const {
-  constexpr float kScale = 0.25f;
-  const Map& map = impl_->map;
-  const Camera& camera = impl_->config.camera;
-  MapFit fit;
-  double sum = 0;
-  for (const MapPoint& point : map.points()) {
-    if (point.id == 0) continue;
-    for (const Measurement& m : map.measurements(point)) {
-      const Keyframe& keyframe = map.keyframes()[m.keyframe];
-      const float dt_s = camera.dt_s(m.at.px);
-      Vector2f px;
-      float error_sq = 1e12f;
-      if (camera.project(moved_point(keyframe.T_kw * point.p_w, keyframe.velocity, dt_s), &px))
-        error_sq = (m.at.px - px).squaredNorm() / (m.at.sigma() * m.at.sigma());
-      sum += static_cast<double>(tukey_cost(error_sq, kScale));
-      ++fit.measurements;
-    }
-  }
-  if (fit.measurements == 0) return fit;
-  if (camera.shutter.line_time_s != 0) {
-    for (const Keyframe& keyframe : map.keyframes()) {
-      if (!keyframe.live()) continue;
-      const Vector6f difference = keyframe.velocity - keyframe.velocity_prior;
-      const float translation =
-          difference.head<3>().squaredNorm() /
-          (kVelocitySigmaTranslation * kVelocitySigmaTranslation * keyframe.mean_depth * keyframe.mean_depth);
-      const float rotation = difference.tail<3>().squaredNorm() / (kVelocitySigmaRotation * kVelocitySigmaRotation);
-      sum += static_cast<double>(0.5f * kScale * kScale * (translation + rotation));
-    }
-  }
-  fit.cost = static_cast<float>(sum / fit.measurements);
-  return fit;
-}
-
-int System::map_parts(int common_points) const {
-  const Map& map = impl_->map;
-  const auto common = [&map](int a, int b) {
-    int count = 0;
-    for (const MapPoint& point : map.points()) {
-      int seen = 0;
-      for (const Measurement& m : map.measurements(point)) seen += m.keyframe == a || m.keyframe == b;
-      count += seen == 2;
-    }
-    return count;
-  };
-  int16_t reached[kMostKeyframeSlots];  // in the order in which they were
-  bool done[kMostKeyframeSlots] = {};
-  int parts = 0;
-  for (int start = 0; start < map.keyframes().size(); ++start) {
-    if (!map.keyframes()[start].live() || done[start]) continue;
-    ++parts;
-    int count = 0;
-    reached[count++] = static_cast<int16_t>(start);
-    done[start] = true;
-    for (int next = 0; next < count; ++next) {
-      for (int k = 0; k < map.keyframes().size(); ++k) {
-        if (!map.keyframes()[k].live() || done[k] || common(reached[next], k) < common_points) continue;
-        done[k] = true;
-        reached[count++] = static_cast<int16_t>(k);
-      }
-    }
-  }
-  return parts;
-}
-
 const Config& System::config() const {
   return impl_->config;
 }
 const WorkMeter& System::work_meter() const {
   return impl_->meter;
 }
-uint64_t System::map_hash() const {
-  return impl_->map.hash();
+const Map& System::map() const {
+  return impl_->map;
 }
 
 }  // namespace pptam

@@ -5,9 +5,9 @@
 #include <string>
 #include <vector>
 
+#include <pocket_ptam/pocket_ptam.h>
 #include "platform/input_error.h"
 #include "platform/trajectory.h"
-#include "pocket_ptam.h"
 
 namespace pptam::platform {
 

@@ -5,7 +5,7 @@
 #include <optional>
 #include <string>
 
-#include "pocket_ptam.h"
+#include <pocket_ptam/pocket_ptam.h>
 
 namespace pptam::sim {
 

@@ -9,7 +9,7 @@
 #include <memory>
 #include <vector>
 
-#include "pocket_ptam.h"
+#include <pocket_ptam/pocket_ptam.h>
 #include "sim_phone/motion.h"
 #include "sim_phone/scene.h"
 

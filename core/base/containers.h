@@ -12,7 +12,8 @@
 #include <type_traits>
 #include <utility>
 
-#include "base/status.h"
+#include <pocket_ptam/status.h>
+#include "base/assert.h"
 
 namespace pptam {
 

@@ -1,6 +1,6 @@
-#include "camera/camera.h"
-
 #include <cmath>
+
+#include <pocket_ptam/camera.h>
 
 namespace pptam {
 

@@ -1,7 +1,7 @@
-#include "camera/camera_model.h"
-
 #include <cmath>
 
+#include <pocket_ptam/camera_model.h>
+#include "base/assert.h"
 #include "base/deterministic_math.h"
 
 namespace pptam {

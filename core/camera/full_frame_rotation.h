@@ -6,8 +6,8 @@
 // translation over the scene's depth; then only the residual rotation is estimated.
 #pragma once
 
+#include <pocket_ptam/camera_model.h>
 #include "base/containers.h"
-#include "camera/camera_model.h"
 #include "geometry/normal_equations.h"
 #include "image/pyramid.h"
 

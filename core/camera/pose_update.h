@@ -12,9 +12,9 @@
 
 #include <span>
 
+#include <pocket_ptam/camera.h>
+#include <pocket_ptam/work_meter.h>
 #include "base/containers.h"
-#include "base/work_meter.h"
-#include "camera/camera.h"
 #include "geometry/normal_equations.h"
 
 namespace pptam {

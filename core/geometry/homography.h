@@ -9,7 +9,7 @@
 
 #include <span>
 
-#include "geometry/se3.h"
+#include <pocket_ptam/se3.h>
 
 namespace pptam {
 

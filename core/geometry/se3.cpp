@@ -1,7 +1,6 @@
-#include "geometry/se3.h"
-
 #include <cmath>
 
+#include <pocket_ptam/se3.h>
 #include "base/deterministic_math.h"
 
 namespace pptam {

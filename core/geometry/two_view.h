@@ -3,8 +3,8 @@
 
 #include <span>
 
+#include <pocket_ptam/se3.h>
 #include "geometry/homography.h"
-#include "geometry/se3.h"
 
 namespace pptam {
 

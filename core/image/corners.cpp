@@ -3,7 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "pocket_ptam.h"
+#include <pocket_ptam/config.h>
+#include "base/assert.h"
 
 namespace pptam {
 namespace {

@@ -10,7 +10,7 @@
 #include <cstdint>
 #include <span>
 
-#include "base/work_meter.h"
+#include <pocket_ptam/work_meter.h>
 #include "image/corner_source.h"
 #include "image/kernels.h"
 #include "image/pyramid.h"

@@ -1,5 +1,5 @@
-#include "image/grey.h"
-
+#include <pocket_ptam/image.h>
+#include "base/assert.h"
 #include "image/kernels.h"
 
 namespace pptam {

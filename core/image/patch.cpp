@@ -3,7 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "base/status.h"
+#include <pocket_ptam/status.h>
+#include "base/assert.h"
 
 namespace pptam {
 namespace {

@@ -8,7 +8,7 @@
 #include <Eigen/Core>
 #include <cstdint>
 
-#include "image/image.h"
+#include <pocket_ptam/image.h>
 #include "image/kernels.h"
 
 namespace pptam {

@@ -1,8 +1,8 @@
 // The five-level image pyramid, 240x320 down to 15x20 [phone 3.1].
 #pragma once
 
+#include <pocket_ptam/image.h>
 #include "base/containers.h"
-#include "image/image.h"
 
 namespace pptam {
 

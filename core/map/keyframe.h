@@ -8,8 +8,8 @@
 
 #include <utility>
 
+#include <pocket_ptam/camera.h>
 #include "base/containers.h"
-#include "camera/camera.h"
 #include "camera/small_image.h"
 
 namespace pptam {

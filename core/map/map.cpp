@@ -2,6 +2,8 @@
 
 #include <cstring>
 
+#include "base/assert.h"
+
 namespace pptam {
 
 namespace {

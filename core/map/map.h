@@ -13,11 +13,12 @@
 
 #include <cstdint>
 
+#include <pocket_ptam/camera.h>
+#include <pocket_ptam/config.h>
+#include <pocket_ptam/track_result.h>
 #include "base/containers.h"
-#include "camera/camera.h"
 #include "map/keyframe.h"
 #include "map/measurement_pool.h"
-#include "pocket_ptam.h"
 
 namespace pptam {
 

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstring>
 
+#include "base/assert.h"
 #include "map/map_access.h"
 
 namespace pptam {
@@ -27,7 +28,10 @@ constexpr uint32_t kErasedFlag = 1;
 constexpr float kUnitTolerance = 1e-4f;
 
 Status refused(const char* message) {
-  return {StatusCode::kInvalidArgument, message};
+  return {StatusCode::kBadFile, message};
+}
+Status mismatch(const char* message) {
+  return {StatusCode::kConfigMismatch, message};
 }
 
 constexpr std::array<uint32_t, 256> make_crc_table() {
@@ -222,7 +226,7 @@ Status read_header(std::span<const std::byte> file, Checksum checksum, Header* h
   camera.distortion = static_cast<Distortion>(distortion);
   header->camera.shutter.axis = static_cast<RollingShutter::Axis>(axis);
   const Status status = camera.validate();
-  if (!status.ok()) return status;
+  if (!status.ok()) return refused(status.message());
   // The counts must be possible before anybody makes room for them.
   uint64_t least = kHeaderBytes + kCrcBytes;
   least += header->keyframes.entries * (kKeyframeBytes + uint64_t{width} * height);
@@ -252,30 +256,30 @@ bool same(const CameraModel& a, const CameraModel& b) {
 Status check_fit(const Header& header, const Config& config) {
   const CameraModel &made = header.camera.model, &given = config.camera.model;
   if (made.width != given.width || made.height != given.height)
-    return refused("the map was made with images of another size than Config::camera's");
+    return mismatch("the map was made with images of another size than Config::camera's");
   if (!same(made, given))
-    return refused(
+    return mismatch(
         "the map was made with another camera: focal length, principal point or distortion differ from "
         "Config::camera");
   const RollingShutter &made_by = header.camera.shutter, &given_by = config.camera.shutter;
   if (!same(made_by.line_time_s, given_by.line_time_s) || made_by.axis != given_by.axis)
-    return refused("the map was made with another rolling shutter than Config::camera's");
+    return mismatch("the map was made with another rolling shutter than Config::camera's");
   // One more of either: the newcomer, when a map is saved while culling decides.
   const int erased = static_cast<int>(header.erased), live = static_cast<int>(header.keyframes.entries) - erased;
   if (live > config.max_keyframes + 1)
-    return refused("the map has more keyframes than Config::max_keyframes: raise it");
+    return mismatch("the map has more keyframes than Config::max_keyframes: raise it");
   if (erased > config.max_erased_keyframes + 1 ||
       static_cast<int>(header.keyframes.slots) > keyframe_slots(config.max_keyframes, config.max_erased_keyframes))
-    return refused("the map has more erased keyframes than Config::max_erased_keyframes: raise it");
+    return mismatch("the map has more erased keyframes than Config::max_erased_keyframes: raise it");
   if (static_cast<int>(header.points.slots) > config.max_map_points)
-    return refused("the map has more map points than Config::max_map_points: raise it");
+    return mismatch("the map has more map points than Config::max_map_points: raise it");
   if (further_measurements(header) > config.max_measurements)
-    return refused("the map has more measurements than Config::max_measurements: raise it");
+    return mismatch("the map has more measurements than Config::max_measurements: raise it");
   // One more until culling has judged it.
   if (header.most_of_a_point > static_cast<uint32_t>(config.max_measurements_per_point + 1))
-    return refused("a map point has more measurements than Config::max_measurements_per_point: raise it");
+    return mismatch("a map point has more measurements than Config::max_measurements_per_point: raise it");
   if (static_cast<int>(header.partial_points.slots) > config.max_partial_points)
-    return refused("the map has more partial points than Config::max_partial_points: raise it");
+    return mismatch("the map has more partial points than Config::max_partial_points: raise it");
   return {};
 }
 

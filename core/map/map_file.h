@@ -32,8 +32,9 @@
 #include <cstdint>
 #include <span>
 
+#include <pocket_ptam/config.h>
+#include <pocket_ptam/map_info.h>
 #include "map/map.h"
-#include "pocket_ptam.h"
 
 namespace pptam {
 

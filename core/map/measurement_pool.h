@@ -2,8 +2,9 @@
 // of it and no more. Lists keep their order; places are used again.
 #pragma once
 
+#include <pocket_ptam/camera.h>
+#include "base/assert.h"
 #include "base/containers.h"
-#include "camera/camera.h"
 
 namespace pptam {
 

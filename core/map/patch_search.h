@@ -1,8 +1,8 @@
 // Finds one patch of the map in the current frame: predict, warp, search, refine [ptam 5.3, phone 4].
 #pragma once
 
-#include "base/work_meter.h"
-#include "camera/camera.h"
+#include <pocket_ptam/camera.h>
+#include <pocket_ptam/work_meter.h>
 #include "image/patch.h"
 #include "map/map.h"
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "base/assert.h"
 #include "camera/pose_update.h"
 
 namespace pptam {

@@ -1,5 +1,7 @@
 #include "scheduler/task.h"
 
+#include "base/assert.h"
+
 namespace pptam {
 
 void* FrameStack::push(size_t bytes) {

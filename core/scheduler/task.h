@@ -20,8 +20,8 @@
 #include <type_traits>
 #include <utility>
 
+#include <pocket_ptam/work_meter.h>
 #include "base/containers.h"
-#include "base/work_meter.h"
 
 namespace pptam {
 

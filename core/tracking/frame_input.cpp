@@ -2,7 +2,7 @@
 
 #include <utility>
 
-#include "image/grey.h"
+#include <pocket_ptam/image.h>
 
 namespace pptam {
 

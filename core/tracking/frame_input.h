@@ -1,8 +1,8 @@
 // A frame as the tracker sees it: grey, as a pyramid, and as a small image, beside the small image of the frame before.
 #pragma once
 
-#include "base/work_meter.h"
-#include "camera/camera_model.h"
+#include <pocket_ptam/camera_model.h>
+#include <pocket_ptam/work_meter.h>
 #include "image/pyramid.h"
 
 namespace pptam {

@@ -2,7 +2,7 @@
 // in the same view (a changing choice makes the pose jitter).
 #pragma once
 
-#include "base/work_meter.h"
+#include <pocket_ptam/work_meter.h>
 #include "map/map.h"
 
 namespace pptam {

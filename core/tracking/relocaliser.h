@@ -4,7 +4,7 @@
 // Gives a starting pose only; the tracker believes it once real tracking has held for two frames in a row.
 #pragma once
 
-#include "base/work_meter.h"
+#include <pocket_ptam/work_meter.h>
 #include "camera/full_frame_rotation.h"
 #include "map/map.h"
 

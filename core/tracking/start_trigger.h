@@ -1,8 +1,9 @@
 // When initialisation begins: at a tap, or by itself after a moment of rest (Config::auto_start).
 #pragma once
 
+#include <pocket_ptam/config.h>
+#include <pocket_ptam/track_result.h>
 #include "camera/motion_model.h"
-#include "pocket_ptam.h"
 #include "tracking/frame_input.h"
 
 namespace pptam {

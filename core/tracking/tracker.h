@@ -10,6 +10,7 @@
 // search statistics, partial points' depths and the queue of new keyframes. Bounded time; runs to completion.
 #pragma once
 
+#include <pocket_ptam/clock.h>
 #include "tracking/depth_filter.h"
 #include "tracking/frame_input.h"
 #include "tracking/initialiser.h"
@@ -61,7 +62,7 @@ class Tracker {
 
   TrackingState state_ = TrackingState::kWaiting;
   Hint hint_ = Hint::kTap;
-  int confirmed_ = 0;   // frames of a relocalisation that have held
+  int confirmed_ = 0;  // frames of a relocalisation that have held
   int relocalise_attempt_ = 0;
 };
 

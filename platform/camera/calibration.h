@@ -11,7 +11,7 @@
 #include <Eigen/Geometry>
 #include <filesystem>
 
-#include "camera/camera_model.h"
+#include <pocket_ptam/camera_model.h>
 
 namespace pptam::platform {
 

@@ -9,7 +9,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "camera/camera_model.h"
+#include <pocket_ptam/camera_model.h>
 #include "platform/camera/image_files.h"
 
 namespace pptam::platform {

@@ -8,7 +8,7 @@
 #include <memory>
 #include <string>
 
-#include "image/grey.h"
+#include <pocket_ptam/image.h>
 #include "platform/input_error.h"
 
 namespace pptam::platform {

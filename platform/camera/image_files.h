@@ -5,7 +5,7 @@
 #include <filesystem>
 #include <vector>
 
-#include "image/image.h"
+#include <pocket_ptam/image.h>
 
 namespace pptam::platform {
 

@@ -10,11 +10,11 @@
 #include <string_view>
 #include <utility>
 
+#include <pocket_ptam/clock.h>
 #include "platform/camera/calibration.h"
 #include "platform/camera/frame_transform.h"
 #include "platform/camera/image_files.h"
 #include "platform/camera/video_file.h"
-#include "scheduler/clock.h"
 
 namespace pptam::platform {
 namespace {

@@ -3,7 +3,7 @@
 
 #include <cstdint>
 
-#include "scheduler/clock.h"
+#include <pocket_ptam/clock.h>
 
 namespace pptam::platform {
 

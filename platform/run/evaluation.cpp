@@ -6,9 +6,9 @@
 #include <numbers>
 #include <random>
 
+#include <pocket_ptam/clock.h>
 #include "platform/input_error.h"
 #include "platform/run/statistics.h"
-#include "scheduler/clock.h"
 
 namespace pptam::platform {
 namespace {

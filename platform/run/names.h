@@ -4,8 +4,8 @@
 
 #include <string>
 
+#include <pocket_ptam/pocket_ptam.h>
 #include "platform/run/clocks.h"
-#include "pocket_ptam.h"
 
 namespace pptam::platform {
 

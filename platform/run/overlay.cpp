@@ -10,7 +10,7 @@
 #include <numbers>
 #include <optional>
 
-#include "image/grey.h"
+#include <pocket_ptam/image.h>
 #include "platform/input_error.h"
 #include "platform/run/names.h"
 #include "platform/run/video_writer.h"

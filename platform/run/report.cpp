@@ -6,12 +6,12 @@
 #include <functional>
 #include <iterator>
 
+#include <pocket_ptam/clock.h>
 #include "platform/files.h"
 #include "platform/input_error.h"
 #include "platform/run/html.h"
 #include "platform/run/names.h"
 #include "platform/text.h"
-#include "scheduler/clock.h"
 
 namespace pptam::platform {
 namespace {

@@ -6,6 +6,7 @@
 #include <memory>
 #include <optional>
 
+#include <pocket_ptam/inspection.h>
 #include "platform/files.h"
 #include "platform/input_error.h"
 #include "platform/run/clocks.h"
@@ -185,9 +186,9 @@ void take_map(System& system, const RunOptions& options, RunLog* log) {
   system.keyframes(log->keyframes);
   log->map_points.resize(static_cast<size_t>(system.map_points({})));
   system.map_points(log->map_points);
-  log->map_fit = system.map_fit();
-  log->map_parts = system.map_parts(kHoldingPoints);
-  log->map_hash = system.map_hash();
+  log->map_fit = map_fit(system);
+  log->map_parts = map_parts(system, kHoldingPoints);
+  log->map_hash = map_hash(system);
   if (!options.save_map) return;
   log->saved_map.resize(system.map_bytes());
   size_t saved = 0;
@@ -253,7 +254,7 @@ RunLog run_sequence(Camera& camera, const RunOptions& options, const StartObserv
     entry.mapping_ns = idle_to_ns - idle_from_ns;
     entry.idle_slices = slices;
     entry.instructions = system->work_meter().instructions() - start_instructions;
-    if (options.hash_every > 0 && index % options.hash_every == 0) entry.map_hash = system->map_hash();
+    if (options.hash_every > 0 && index % options.hash_every == 0) entry.map_hash = map_hash(*system);
     log.frames.push_back(entry);
     if (on_frame) on_frame(frame, result, log);
   } while (advance(end_ns));

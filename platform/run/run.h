@@ -11,10 +11,10 @@
 #include <string>
 #include <vector>
 
+#include <pocket_ptam/pocket_ptam.h>
 #include "platform/camera.h"
 #include "platform/run/clocks.h"
 #include "platform/run/run_log.h"
-#include "pocket_ptam.h"
 
 namespace pptam::platform {
 

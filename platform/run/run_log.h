@@ -7,10 +7,10 @@
 #include <string>
 #include <vector>
 
+#include <pocket_ptam/inspection.h>
 #include "platform/camera.h"
 #include "platform/run/clocks.h"
 #include "platform/trajectory.h"
-#include "pocket_ptam.h"
 
 namespace pptam::platform {
 

@@ -4,8 +4,8 @@
 #include <filesystem>
 #include <span>
 
+#include <pocket_ptam/pocket_ptam.h>
 #include "platform/run/run_log.h"
-#include "pocket_ptam.h"
 
 namespace pptam::platform {
 

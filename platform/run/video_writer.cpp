@@ -5,8 +5,8 @@
 #include <cmath>
 #include <system_error>
 
+#include <pocket_ptam/clock.h>
 #include "platform/input_error.h"
-#include "scheduler/clock.h"
 
 namespace pptam::platform {
 

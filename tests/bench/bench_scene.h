@@ -5,7 +5,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "camera/camera_model.h"
+#include <pocket_ptam/camera_model.h>
 #include "image/corners.h"
 #include "image/patch.h"
 #include "image/pyramid.h"

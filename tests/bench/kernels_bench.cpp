@@ -8,8 +8,8 @@
 #include <optional>
 #include <vector>
 
+#include <pocket_ptam/image.h>
 #include "camera/full_frame_rotation.h"
-#include "image/grey.h"
 #include "tests/bench/bench_scene.h"
 #include "tests/bench/opencv_bench.h"
 #include "tests/bench/ratio_report.h"

@@ -15,7 +15,7 @@
 #include <utility>
 #include <vector>
 
-#include "image/grey.h"
+#include <pocket_ptam/image.h>
 
 namespace pptam::bench {
 namespace {

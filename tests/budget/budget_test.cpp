@@ -14,8 +14,8 @@
 #include <string>
 #include <vector>
 
+#include <pocket_ptam/image.h>
 #include "image/corners.h"
-#include "image/grey.h"
 #include "map/patch_search.h"
 #include "tests/budget/count_table.h"
 #include "tests/budget/instruction_counter.h"

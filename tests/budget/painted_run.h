@@ -8,8 +8,8 @@
 #include <cstdint>
 #include <vector>
 
+#include <pocket_ptam/pocket_ptam.h>
 #include "base/deterministic_math.h"
-#include "pocket_ptam.h"
 
 namespace pptam::test {
 

@@ -1,10 +1,9 @@
 // Clocks at the ends of time: frames may carry any timestamps, and none of them turns time back or round.
-#include "scheduler/clock.h"
-
 #include <gtest/gtest.h>
 
 #include <limits>
 
+#include <pocket_ptam/clock.h>
 #include "platform/run/clocks.h"
 
 namespace pptam {

@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include <pocket_ptam/inspection.h>
 #include "platform/files.h"
 #include "platform/run/evaluation.h"
 #include "platform/run/run.h"
@@ -145,7 +146,7 @@ TEST(SavedMap, LockedItIsTrackedAsIfThereHadBeenNoInterruption) {
         add(next->track(whole.frame(i)), &interrupted);
         EXPECT_FALSE(next->has_work());
       }
-      EXPECT_EQ(next->map_hash(), phone->map_hash());
+      EXPECT_EQ(map_hash(*next), map_hash(*phone));
       ASSERT_GT(interrupted.size(), 30u) << uninterrupted.size() << " without the interruption";
       EXPECT_LE(interrupted.front().timestamp_ns - whole.timestamps_ns[kPause], 1'000'000'000);
       const double ratio = ate(interrupted, uninterrupted, whole.truth) / ate(uninterrupted, interrupted, whole.truth);
@@ -216,7 +217,7 @@ TEST(SavedMap, LoadingAbandonsWhatWasGoingOn) {
   ASSERT_TRUE(fresh->load_map(desk_map()).ok());
   EXPECT_EQ(saved(fresh), desk_map());
   EXPECT_GT(fresh.drain(), 0) << "there is something to do";
-  const uint64_t drained = fresh->map_hash();
+  const uint64_t drained = map_hash(*fresh);
 
   test::Random random;
   Phone phone(test::config_for(desk()));
@@ -238,7 +239,7 @@ TEST(SavedMap, LoadingAbandonsWhatWasGoingOn) {
     EXPECT_EQ(saved(phone), desk_map());
     if (loads % 2 == 0) {  // the other times it goes on in slices, and is interrupted again
       phone.drain();
-      EXPECT_EQ(phone->map_hash(), drained) << "load " << loads;
+      EXPECT_EQ(map_hash(*phone), drained) << "load " << loads;
     }
   }
   EXPECT_TRUE(initialising && tracking) << "loaded in both states, or little was tested";
@@ -266,7 +267,7 @@ TEST(SavedMap, SavingAndRefusedLoadingDisturbNothing) {
         EXPECT_EQ(saved(other), bytes);
         ++saves;
       }
-      trace.add_value(static_cast<int64_t>(phone->map_hash()));
+      trace.add_value(static_cast<int64_t>(map_hash(*phone)));
     }
     EXPECT_TRUE(!disturbed || saves > 10) << saves;
     return trace;
@@ -326,10 +327,10 @@ TEST(SavedMap, ALockedMapIsLeftAlone) {
   };
   // The first map is made in spite of the lock, and stays.
   EXPECT_GT(go_on(0, 75), 10);
-  const uint64_t first = phone->map_hash();
+  const uint64_t first = map_hash(*phone);
   ASSERT_GT(phone->map_bytes(), 0u);
   EXPECT_GT(go_on(75, 90), 10);
-  EXPECT_EQ(phone->map_hash(), first);
+  EXPECT_EQ(map_hash(*phone), first);
   // Unlocked it grows: until a keyframe waits.
   phone->set_locked(false);
   const int before = phone->keyframes({});
@@ -343,14 +344,14 @@ TEST(SavedMap, ALockedMapIsLeftAlone) {
   phone->work_slice();
   ASSERT_TRUE(phone->has_work());
   phone->set_locked(true);
-  const uint64_t midway = phone->map_hash();
+  const uint64_t midway = map_hash(*phone);
   EXPECT_FALSE(phone->has_work());
   for (int i = 0; i < 100; ++i) phone->work_slice();
-  EXPECT_EQ(phone->map_hash(), midway);
+  EXPECT_EQ(map_hash(*phone), midway);
   phone->set_locked(false);
   EXPECT_TRUE(phone->has_work());
   EXPECT_GT(phone.drain(), 0);
-  EXPECT_NE(phone->map_hash(), midway);
+  EXPECT_NE(map_hash(*phone), midway);
   EXPECT_GT(phone->keyframes({}), before);
 }
 

@@ -9,7 +9,7 @@
 #include <random>
 #include <vector>
 
-#include "camera/camera_model.h"
+#include <pocket_ptam/camera_model.h>
 
 namespace pptam::test {
 

@@ -1,7 +1,7 @@
 // The paper's phone, held upright, without distortion: 240x320, 37x48 degrees; 60 ms readout by columns.
 #pragma once
 
-#include "camera/camera_model.h"
+#include <pocket_ptam/camera_model.h>
 
 namespace pptam::test {
 

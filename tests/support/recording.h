@@ -7,8 +7,8 @@
 #include <memory>
 #include <vector>
 
+#include <pocket_ptam/pocket_ptam.h>
 #include "platform/camera.h"
-#include "pocket_ptam.h"
 #include "sim_phone/phone_camera.h"
 
 namespace pptam::test {

@@ -1,6 +1,4 @@
 // Every distortion model against a double-precision reference over the whole image, and what validate() refuses.
-#include "camera/camera_model.h"
-
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
@@ -9,6 +7,7 @@
 #include <string>
 #include <utility>
 
+#include <pocket_ptam/camera_model.h>
 #include "tests/support/random.h"
 
 namespace pptam {

@@ -1,11 +1,10 @@
 // Where a point of the world appears in the images of a rolling shutter.
-#include "camera/camera.h"
-
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <cmath>
 
+#include <pocket_ptam/camera.h>
 #include "tests/support/phone_camera.h"
 #include "tests/support/random.h"
 

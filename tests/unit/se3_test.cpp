@@ -1,11 +1,10 @@
 // Exponential maps against double-precision series, round trips at identity, tiny, random and near pi, Jacobians.
-#include "geometry/se3.h"
-
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
 #include <cmath>
 
+#include <pocket_ptam/se3.h>
 #include "tests/support/random.h"
 
 namespace pptam {

@@ -6,8 +6,8 @@
 
 #include <cstdint>
 
-#include "base/status.h"
-#include "geometry/se3.h"
+#include <pocket_ptam/se3.h>
+#include <pocket_ptam/status.h>
 
 namespace pptam {
 

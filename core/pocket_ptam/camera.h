@@ -8,8 +8,8 @@
 // radians/s: T_cw(t + dt) = exp(dt velocity) T_cw(t). Pixels are level 0. All functions are pure.
 #pragma once
 
-#include "camera/camera_model.h"
-#include "geometry/se3.h"
+#include <pocket_ptam/camera_model.h>
+#include <pocket_ptam/se3.h>
 
 namespace pptam {
 

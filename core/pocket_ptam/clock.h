@@ -5,7 +5,7 @@
 #include <cstdint>
 #include <limits>
 
-#include "base/work_meter.h"
+#include <pocket_ptam/work_meter.h>
 
 namespace pptam {
 

@@ -7,6 +7,8 @@
 
 #include <cstdint>
 
+#include <pocket_ptam/status.h>
+
 namespace pptam {
 
 // A rectangle of pixels; stride is in elements and may exceed width. Rows need no alignment.
@@ -36,6 +38,14 @@ struct Frame {
   PixelFormat format = PixelFormat::kGrey;
   int64_t timestamp_ns = 0;  // mid-exposure of the image centre
 };
+
+// Checks that the frame is complete: non-null, positive even-for-subsampled size, stride at least one row of pixels.
+Status validate_frame(const Frame& frame);
+
+// Grey view of a valid frame [phone 3.1]. Grey and planar YUV frames are used in place (the view points into the
+// frame); others are converted into storage, which must have the frame's size. Y = (77 R + 150 G + 29 B + 128) >> 8:
+// the weights sum to 256, so a grey BGRA or RGB pixel keeps its value exactly.
+GreyView to_grey(const Frame& frame, const GreyImage& storage);
 
 constexpr float to_level0(float x, int level) {
   return (x + 0.5f) * static_cast<float>(1 << level) - 0.5f;

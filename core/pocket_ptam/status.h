@@ -1,7 +1,8 @@
 // How the core reports a caller's mistake, and how it stops on one of its own.
 //
-// Three kinds of trouble are kept apart: our own bug (PPTAM_ASSERT), the caller's mistake (Status, state unchanged),
-// and the world's difficulty (ordinary output, see TrackResult). Nothing here allocates; messages are string literals.
+// Three kinds of trouble are kept apart: our own bug (the assert handler), the caller's mistake (Status, state
+// unchanged), and the world's difficulty (ordinary output, see TrackResult). Nothing here allocates; messages are
+// string literals.
 #pragma once
 
 #include <cstdint>
@@ -11,9 +12,12 @@ namespace pptam {
 
 enum class StatusCode : uint8_t {
   kOk,
-  kInvalidArgument,   // a null image, a wrong size or stride, an absurd calibration
-  kOutOfMemory,       // the caller's memory block is smaller than required_bytes()
-  kTimeWentBackwards  // a frame's timestamp is not later than the one before
+  kInvalidArgument,    // a null image, a wrong size or stride, an absurd calibration
+  kOutOfMemory,        // the caller's memory block is smaller than required_bytes() or map_bytes()
+  kTimeWentBackwards,  // a frame's timestamp is not later than the one before
+  kNotReady,           // there is no finished map yet
+  kBadFile,            // not a saved map, of another version, or damaged
+  kConfigMismatch      // a good map, but of another camera, or too large for Config's capacities
 };
 
 // Success, or a code and a message that says what was wrong and what to do.
@@ -42,16 +46,9 @@ inline AssertHandler& assert_handler() {
 }
 }  // namespace detail
 
-// Replaces what a failed PPTAM_ASSERT calls (default: trap). The only process-wide setting of the core.
+// Replaces what a failed assertion of the core calls (default: trap). The only process-wide setting of the core.
 inline void set_assert_handler(AssertHandler handler) {
   detail::assert_handler() = handler;
 }
 
 }  // namespace pptam
-
-#ifdef PPTAM_ENABLE_ASSERT
-#define PPTAM_ASSERT(expression) \
-  ((expression) ? (void)0 : ::pptam::detail::assert_handler()(#expression, __FILE__, __LINE__))
-#else
-#define PPTAM_ASSERT(expression) ((void)sizeof(!(expression)))
-#endif
