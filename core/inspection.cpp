@@ -51,8 +51,8 @@ int map_parts(const System& system, int common_points) {
     }
     return count;
   };
-  int16_t reached[kMostKeyframeSlots];  // in the order in which they were
-  bool done[kMostKeyframeSlots] = {};
+  int16_t reached[kMaxKeyframeSlots];  // in the order in which they were
+  bool done[kMaxKeyframeSlots] = {};
   int parts = 0;
   for (int start = 0; start < map.keyframes().size(); ++start) {
     if (!map.keyframes()[start].live() || done[start]) continue;

@@ -12,7 +12,7 @@ namespace pptam {
 
 namespace {
 
-constexpr int64_t kMostImageBytes = int64_t{1} << 30;
+constexpr int64_t kMaxImageBytes = int64_t{1} << 30;
 
 // ARMv6 instructions a byte, for the checksum and a copy.
 constexpr int kMapFileInstructions = 8;
@@ -52,15 +52,15 @@ Status Config::validate() const {
             "Config::camera.shutter: the readout must be under 1 s; line_time_s is per line"};
   if (!(exposure_s >= 0 && exposure_s <= 1.0f))
     return {StatusCode::kInvalidArgument, "Config::exposure_s must be within 0 to 1 s"};
-  if (max_keyframes < 3 || max_keyframes > kMostKeyframes)
+  if (max_keyframes < 3 || max_keyframes > kMaxKeyframes)
     return {StatusCode::kInvalidArgument, "Config::max_keyframes must be within 3 to 1000"};
-  if (max_erased_keyframes < 0 || max_erased_keyframes > kMostKeyframes)
+  if (max_erased_keyframes < 0 || max_erased_keyframes > kMaxKeyframes)
     return {StatusCode::kInvalidArgument, "Config::max_erased_keyframes must be within 0 to 1000"};
   if (max_map_points < 100 || max_map_points > 30000)
     return {StatusCode::kInvalidArgument, "Config::max_map_points must be within 100 to 30000"};
   if (max_partial_points < 0 || max_partial_points > 30000)
     return {StatusCode::kInvalidArgument, "Config::max_partial_points must be within 0 to 30000"};
-  if (max_measurements_per_point < 2 || max_measurements_per_point > kMostMeasurements)
+  if (max_measurements_per_point < 2 || max_measurements_per_point > kMaxMeasurementsPerPoint)
     return {StatusCode::kInvalidArgument, "Config::max_measurements_per_point must be within 2 to 32"};
   if (max_measurements < 0 || max_measurements > 1000000)
     return {StatusCode::kInvalidArgument, "Config::max_measurements must be within 0 to 1000000"};
@@ -83,7 +83,7 @@ Status Config::validate() const {
     return {StatusCode::kInvalidArgument, "Config::initial_plane_distance must be 0 or within 0.001 to 1000"};
   if (!(min_keyframe_interval_s >= 0 && min_keyframe_interval_s < 3600))
     return {StatusCode::kInvalidArgument, "Config::min_keyframe_interval_s must be within 0 to 3600 s"};
-  if (static_cast<int64_t>(model.width) * model.height * (max_keyframes + max_erased_keyframes + 16) > kMostImageBytes)
+  if (static_cast<int64_t>(model.width) * model.height * (max_keyframes + max_erased_keyframes + 16) > kMaxImageBytes)
     return {StatusCode::kInvalidArgument,
             "Config: max_keyframes and max_erased_keyframes of this size need over 1 GB: lower one of them"};
   if (!(profile.clock_mhz >= 1 && profile.clock_mhz <= 1e5f) ||

@@ -139,7 +139,7 @@ double comfortable_time(const View& from, const View& step, double speed) {
     fastest_turn = std::max(fastest_turn, kParts * angle_between(last, next));
     last = next;
   }
-  return std::max({0.8, 15.0 / 8 * step.position.norm() / speed, fastest_turn / kLargestTurn});
+  return std::max({0.8, 15.0 / 8 * step.position.norm() / speed, fastest_turn / kMaxTurn});
 }
 
 void Walk::move_to(const View& next, double length_s) {
@@ -180,7 +180,7 @@ void Walk::explore(double until_s, double story_s, bool turn_only) {
       }
     }
     Move move{t_s, 1, best - view};
-    move.length_s = comfortable_time(view, move.step, random.uniform(0.6, 1.0) * kLargestSpeed);
+    move.length_s = comfortable_time(view, move.step, random.uniform(0.6, 1.0) * kMaxSpeed);
     hand.add(move);
     view = best;
     // Sometimes a pause, otherwise the next move begins as this one ends.

@@ -16,9 +16,9 @@
 namespace pptam::sim {
 
 constexpr double kDegree = std::numbers::pi / 180;
-constexpr double kHold_s = 1.0;                // before the first move
-constexpr double kLargestSpeed = 0.2;          // of a calm hand, m/s at a move's peak
-constexpr double kLargestTurn = 24 * kDegree;  // rad/s at a move's peak; tremor and overlapping moves come on top
+constexpr double kHold_s = 1.0;            // before the first move
+constexpr double kMaxSpeed = 0.2;          // of a calm hand, m/s at a move's peak
+constexpr double kMaxTurn = 24 * kDegree;  // rad/s at a move's peak; tremor and overlapping moves come on top
 // Amplitudes of a calm hand's tremor at 8-12 Hz. Physiological tremor accelerates a hand by a few tenths of a m/s^2:
 // 0.1 mm at 10 Hz is 0.4 m/s^2, and 0.04 degrees turn at up to 2.5 degrees/s.
 constexpr double kTremor_m = 0.0001;

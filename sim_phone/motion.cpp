@@ -191,7 +191,7 @@ struct StartingWalk {
     const Vector3d axis(std::cos(about), std::sin(about), random.uniform(-0.5, 0.5));
     Offset turned;
     turned.rotation = angle * kDegree * axis.normalized();
-    const double turn_s = std::max(0.8, 15.0 / 8 * angle * kDegree / (random.uniform(0.6, 1.2) * kLargestTurn));
+    const double turn_s = std::max(0.8, 15.0 / 8 * angle * kDegree / (random.uniform(0.6, 1.2) * kMaxTurn));
     move_to(turned, turn_s);
     t_s += random.uniform(0, 0.5);
     if (random.chance(0.5)) {
@@ -213,7 +213,7 @@ MotionCurve lap(const Stage& stage, uint64_t seed, double duration_s) {
   Walk walk{stage, random, *hand, first};
   walk.start_sideways();
   walk.explore(kExploredShare * duration_s, kExploredShare * duration_s);
-  walk.move_to(first, std::max(duration_s - walk.t_s, comfortable_time(walk.view, first - walk.view, kLargestSpeed)));
+  walk.move_to(first, std::max(duration_s - walk.t_s, comfortable_time(walk.view, first - walk.view, kMaxSpeed)));
   return [hand, duration_s](double t_s) {
     const double amount = blend(t_s / kQuiet_s) * blend((duration_s - t_s) / kQuiet_s);
     return hand->unrest().applied(hand->view_at(t_s).pose(), t_s, amount);
@@ -266,8 +266,7 @@ Start make_start(const std::string& name, const Scene& scene, uint64_t seed) {
     const double radius = start.length_m * random.uniform(0.5, 1.5);
     const Vector3d next(radius * std::cos(angle), radius * std::sin(angle), start.length_m * random.uniform(-0.3, 0.3));
     const Vector3d step = next - (walk.now.position - base.position);
-    walk.move_to(offset_at(next, 5),
-                 std::max(0.8, 15.0 / 8 * step.norm() / (random.uniform(0.6, 1.0) * kLargestSpeed)));
+    walk.move_to(offset_at(next, 5), std::max(0.8, 15.0 / 8 * step.norm() / (random.uniform(0.6, 1.0) * kMaxSpeed)));
     if (random.chance(0.35)) walk.t_s += random.uniform(0.2, 0.6);
   }
   start.curve = [hand](double t_s) { return hand->at(t_s); };

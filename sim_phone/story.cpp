@@ -49,7 +49,7 @@ Story orbit(const Stage& stage, Random& random, uint64_t seed) {
     const double goal = goal_deg * kDegree;
     const double goal_tilt = random.uniform(-6, 6) * kDegree;
     // Round a circle of distance sin(slant) at up to 0.2 m/s and 24 degrees/s.
-    const double rate = std::min(kLargestTurn, kLargestSpeed / (distance * std::sin(slant))) * random.uniform(0.75, 1);
+    const double rate = std::min(kMaxTurn, kMaxSpeed / (distance * std::sin(slant))) * random.uniform(0.75, 1);
     const double length = std::max(1.5, 15.0 / 8 * std::abs(goal - azimuth) / rate);
     turns.push_back({t, length, goal - azimuth, goal_tilt - tilt});
     azimuth = goal;
@@ -93,7 +93,7 @@ Story explore_and_return(const Stage& stage, Random& random, uint64_t seed) {
   const auto go = [&](const View& to) {
     View near = to;
     for (int axis = 0; axis < 3; ++axis) near.position[axis] += random.uniform(-0.015, 0.015);
-    walk.move_to(near, comfortable_time(walk.view, near - walk.view, random.uniform(0.85, 1) * kLargestSpeed));
+    walk.move_to(near, comfortable_time(walk.view, near - walk.view, random.uniform(0.85, 1) * kMaxSpeed));
     walk.t_s += random.chance(0.3) ? random.uniform(0.2, 0.5) : -0.12;
   };
   for (const View& view : way) go(view);
@@ -272,9 +272,9 @@ Story standing_still(const Stage& stage, Random& random, uint64_t seed) {
   walk.start_sideways();
   for (int i = 0; i < 2; ++i) {
     const View next = near(0.15);
-    walk.move_to(next, comfortable_time(walk.view, next - walk.view, 0.9 * kLargestSpeed));
+    walk.move_to(next, comfortable_time(walk.view, next - walk.view, 0.9 * kMaxSpeed));
   }
-  walk.move_to(last, comfortable_time(walk.view, last - walk.view, 0.8 * kLargestSpeed));
+  walk.move_to(last, comfortable_time(walk.view, last - walk.view, 0.8 * kMaxSpeed));
   Standstill still;
   still.from_s = walk.t_s + 0.5;  // the unrest dies away
   still.step_from_s = still.from_s + 6;

@@ -20,9 +20,9 @@ constexpr float kMaxResidual_grey = 25.0f;
 constexpr float kMinGain = 0.4f;  // beyond it the two images do not show the same thing
 
 constexpr float kGainPull = 10.0f;
-constexpr float kMaxStep_rad = 0.5f;        // more comes from garbage
-constexpr float kMinPivot = 1e-5f;          // a hundred times float32's rounding
-constexpr float kLeastInformation = 1e-3f;  // of a rotation, grey^2/rad^2: no texture at all
+constexpr float kMaxStep_rad = 0.5f;      // more comes from garbage
+constexpr float kMinPivot = 1e-5f;        // a hundred times float32's rounding
+constexpr float kMinInformation = 1e-3f;  // of a rotation, grey^2/rad^2: no texture at all
 
 constexpr int16_t kOutside = INT16_MIN;
 constexpr int kUnit = 16;  // of warped grey levels
@@ -189,7 +189,7 @@ FitStep FullFrameRotation::step(int iteration) {
   float x[kUnknowns];
   if (!equations_.solve(kMinPivot, x)) return FitStep::kFailed;
   for (int i = 0; i < 3; ++i)
-    if (!(equations_.information(i) > kLeastInformation)) return FitStep::kFailed;
+    if (!(equations_.information(i) > kMinInformation)) return FitStep::kFailed;
   const Vector3f turn(x[0], x[1], x[2]);
   const float size = turn.norm();
   if (size > kMaxStep_rad) return FitStep::kFailed;

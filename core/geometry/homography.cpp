@@ -261,7 +261,7 @@ namespace {
 
 struct SlFit {
   static constexpr int kUnknowns = 8;
-  static constexpr int kMostIterations = 10;
+  static constexpr int kMaxIterations = 10;
   static constexpr int kMinInliers = 14;
   static constexpr float kMinDepth = 0.1f;    // homogeneous coordinate of a point that H can still be judged by
   static constexpr float kMinPivot = 1e-6f;   // ten times float32's rounding
@@ -319,7 +319,7 @@ struct SlFit {
     const float size = x.norm();
     if (size > kMaxStep) return FitStep::kFailed;
     result.H = sl3_exp(x) * result.H;
-    return size < kConverged || iteration + 1 == kMostIterations ? FitStep::kConverged : FitStep::kAgain;
+    return size < kConverged || iteration + 1 == kMaxIterations ? FitStep::kConverged : FitStep::kAgain;
   }
 };
 

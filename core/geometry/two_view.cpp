@@ -75,7 +75,7 @@ constexpr float kMaxStep = 0.5f;         // radians: far from the minimum the li
 constexpr float kConverged_rad = 1e-5f;  // step in rotation and direction: under 0.01 px at a focal length of 1000
 constexpr float kMinPivot = 1e-7f;       // float32's rounding: five unknowns are often barely known
 constexpr int kMinInliers = 8;
-constexpr float kLeastGradient_sq = 1e-20f;  // of an epipolar distance, under which a point says nothing
+constexpr float kMinGradient_sq = 1e-20f;  // of an epipolar distance, under which a point says nothing
 
 // Depths of the midpoint between both rays have the same signs as those of the true point.
 bool in_front(const SE3& T_21, const Correspondence& c) {
@@ -111,7 +111,7 @@ struct EpipolarFit {
     const Vector3f l2 = E * c.x1.homogeneous();
     const Vector3f l1 = E.transpose() * c.x2.homogeneous();
     const float gradient_sq = l2.head<2>().squaredNorm() + l1.head<2>().squaredNorm();
-    *gradient = gradient_sq > kLeastGradient_sq ? 1.0f / std::sqrt(gradient_sq) : 0.0f;
+    *gradient = gradient_sq > kMinGradient_sq ? 1.0f / std::sqrt(gradient_sq) : 0.0f;
     return c.x2.homogeneous().dot(l2) * *gradient;
   }
 

@@ -9,7 +9,7 @@ namespace pptam {
 namespace {
 
 constexpr float kMinSourceCosSlant = 0.5f;  // between viewing ray and a patch's normal in its new source: 60 degrees
-constexpr uint16_t kMostSearches = 64;      // counted of a point, before older ones count half
+constexpr uint16_t kMaxSearches = 64;       // counted of a point, before older ones count half
 
 class Hash {
  public:
@@ -103,7 +103,7 @@ void Map::count_search(int index, bool was_found) {
   MapPoint& point = points_[index];
   ++point.attempts;
   point.found = static_cast<uint16_t>(point.found + was_found);
-  if (point.attempts < kMostSearches) return;
+  if (point.attempts < kMaxSearches) return;
   point.attempts /= 2;
   point.found /= 2;
 }
@@ -306,10 +306,10 @@ void Map::change_scale(float scale) {
 }
 
 bool Map::can_change_scale(float scale) const {
-  const auto small = [scale](const auto& v) { return v.cwiseAbs().maxCoeff() * scale <= kLargestInMap; };
+  const auto small = [scale](const auto& v) { return v.cwiseAbs().maxCoeff() * scale <= kMaxInMap; };
   const auto fits = [&](const Keyframe& k) {
     return small(k.T_kw.t) && small(k.T_anchor.t) && small(k.velocity) && small(k.velocity_prior) &&
-           k.mean_depth * scale >= kLeastDepthInMap && k.mean_depth * scale <= kLargestInMap;
+           k.mean_depth * scale >= kMinDepthInMap && k.mean_depth * scale <= kMaxInMap;
   };
   for (const Keyframe& keyframe : keyframes_)
     if (keyframe.id != 0 && !fits(keyframe)) return false;
@@ -320,7 +320,7 @@ bool Map::can_change_scale(float scale) const {
   for (const PartialPoint& point : partial_points_) {
     if (point.id == 0) continue;
     const float q = point.inverse_depth / scale;
-    if (!(q >= kLeastDepthInMap && q <= kLargestInMap) || !(point.information * scale * scale <= kMostInformationInMap))
+    if (!(q >= kMinDepthInMap && q <= kMaxInMap) || !(point.information * scale * scale <= kMaxInformationInMap))
       return false;
   }
   return true;

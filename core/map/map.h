@@ -23,7 +23,7 @@
 namespace pptam {
 
 // The most measurements of one point that a Config may keep; what is done with them has room for one more on the stack.
-constexpr int kMostMeasurements = 32;
+constexpr int kMaxMeasurementsPerPoint = 32;
 
 struct PatchSource {
   int16_t keyframe = -1;                 // live or erased
@@ -61,16 +61,16 @@ constexpr int kMaxInitialKeyframes = 8;
 constexpr int kMinInitialPoints = 15;  // fewer make no map
 
 // What a map may hold, for all of its numbers to be usable: a length or speed to the fourth power is still a float.
-constexpr float kLargestInMap = 1e8f;
-constexpr float kLeastDepthInMap = 1e-8f;
-constexpr float kMostInformationInMap = 1e30f;  // of an inverse depth
+constexpr float kMaxInMap = 1e8f;
+constexpr float kMinDepthInMap = 1e-8f;
+constexpr float kMaxInformationInMap = 1e30f;  // of an inverse depth
 
 // Slots of Map::keyframes(): live ones, the newcomer that culling judges, erased ones.
 constexpr int keyframe_slots(int max_keyframes, int max_erased_keyframes) {
   return max_keyframes + 1 + max_erased_keyframes;
 }
-constexpr int kMostKeyframes = 1000;  // that a Config may allow, live, and as many erased
-constexpr int kMostKeyframeSlots = keyframe_slots(kMostKeyframes, kMostKeyframes);
+constexpr int kMaxKeyframes = 1000;  // that a Config may allow, live, and as many erased
+constexpr int kMaxKeyframeSlots = keyframe_slots(kMaxKeyframes, kMaxKeyframes);
 
 // Places for measurements: two for each point, and those that are shared.
 inline int measurement_places(const Config& config) {

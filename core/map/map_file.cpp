@@ -118,7 +118,7 @@ bool within(float value, float least, float most) {  // false for NaN
 template <class Vector>
 bool small_enough(const Vector& values) {
   for (int i = 0; i < values.size(); ++i)
-    if (!within(values[i], -kLargestInMap, kLargestInMap)) return false;
+    if (!within(values[i], -kMaxInMap, kMaxInMap)) return false;
   return true;
 }
 
@@ -233,7 +233,7 @@ Status read_header(std::span<const std::byte> file, Checksum checksum, Header* h
   least += uint64_t{header->points.entries} * kPointBytes;
   least += uint64_t{header->measurements} * kMeasurementBytes;
   least += uint64_t{header->partial_points.entries} * kPartialBytes;
-  if (header->most_of_a_point > kMostMeasurements + 1)
+  if (header->most_of_a_point > kMaxMeasurementsPerPoint + 1)
     return refused("a map point has more measurements than any configuration allows");
   if (further_measurements(*header) < 0) return refused("the map's counts do not fit its measurements");
   bool possible = least <= header->bytes && header->erased < header->keyframes.entries;
@@ -475,7 +475,7 @@ class Body {
     if (!rotations) return refused("a keyframe of the map has a rotation that is none");
     if (!small_enough(T_kw.t) || !small_enough(T_anchor.t) || !small_enough(velocity) || !small_enough(velocity_prior))
       return refused("a keyframe of the map has a position or velocity that is not a usable number");
-    if (!within(mean_depth, kLeastDepthInMap, kLargestInMap))
+    if (!within(mean_depth, kMinDepthInMap, kMaxInMap))
       return refused("a keyframe of the map has a mean depth that is not a usable number");
     slots_[static_cast<size_t>(slot)] = erased ? Slot::kErased : Slot::kLive;
     anchors_[static_cast<size_t>(slot)] = anchor;
@@ -516,7 +516,7 @@ class Body {
     most_of_a_point_ = std::max(most_of_a_point_, measurements);
     if (measurements_ > header_.measurements) return refused("the map's counts do not fit its measurements");
     if (map_) MapAccess::point(*map_, slot) = point;
-    int16_t measured[kMostMeasurements + 1];
+    int16_t measured[kMaxMeasurementsPerPoint + 1];
     for (uint32_t i = 0; i < measurements; ++i) {
       Measurement m;
       const uint32_t keyframe = in_.u32();
@@ -546,8 +546,8 @@ class Body {
     partial.information = in_.f32();
     partial.attempts = in_.u16();
     partial.found = in_.u16();
-    if (!within(partial.inverse_depth, kLeastDepthInMap, kLargestInMap) ||
-        !within(partial.information, 0, kMostInformationInMap))
+    if (!within(partial.inverse_depth, kMinDepthInMap, kMaxInMap) ||
+        !within(partial.information, 0, kMaxInformationInMap))
       return refused("a partial point's depth is not a usable number");
     if (partial.found > partial.attempts) return refused("a partial point was found more often than searched");
     const Vector2f ray = config_.camera.unproject(partial.source.px);
@@ -561,8 +561,8 @@ class Body {
   const Config& config_;
   Map* map_ = nullptr;
   uint32_t measurements_ = 0, most_of_a_point_ = 0;  // so far
-  std::array<Slot, kMostKeyframeSlots> slots_ = {};
-  std::array<uint32_t, kMostKeyframeSlots> anchors_ = {};
+  std::array<Slot, kMaxKeyframeSlots> slots_ = {};
+  std::array<uint32_t, kMaxKeyframeSlots> anchors_ = {};
 };
 
 }  // namespace

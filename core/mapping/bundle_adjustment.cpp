@@ -15,8 +15,8 @@ constexpr int kMinPoints = 6;
 // An outlier's second search. Only where so many good measurements say where the point is: with two, which always
 // agree along their epipolar lines, a wrong point among repeated texture finds its confirmation.
 constexpr int kMinGoodToSearch = 3;
-constexpr float kMostSecondSearch_px = 1.5f;  // of the level searched; the tracker's radius is 4
-constexpr float kSecondSearchZmssd = 0.3f;    // SearchOptions::max_relative_zmssd
+constexpr float kMaxSecondSearch_px = 1.5f;  // of the level searched; the tracker's radius is 4
+constexpr float kSecondSearchZmssd = 0.3f;   // SearchOptions::max_relative_zmssd
 
 Vector6f prior_information(float mean_depth) {
   const float translation = kVelocitySigmaTranslation * mean_depth;
@@ -105,8 +105,8 @@ Task<> BundleAdjuster::gather(int newest, bool velocities) {
     Engine::Point entry;
     entry.first = engine_.observations().size();
     entry.p = point.p_w;
-    const Measurement* sorted[kMostMeasurements + 1];  // by ascending keyframe
-    int16_t tags[kMostMeasurements + 1];
+    const Measurement* sorted[kMaxMeasurementsPerPoint + 1];  // by ascending keyframe
+    int16_t tags[kMaxMeasurementsPerPoint + 1];
     int count = 0;
     for (const Measurement& m : map_.measurements(point)) {
       int at = count;
@@ -203,7 +203,7 @@ bool BundleAdjuster::measure_again(const MapPoint& point, Measurement* measureme
   if (!config_.camera.project_rolling(keyframe.T_kw, keyframe.velocity, point.p_w, &predicted)) return false;
   SearchOptions options;
   // A sigma is a pixel of the level that was searched; within one pixel the nearest whole positions lie.
-  options.radius_px = std::clamp(kTukeyCutoff * engine_.sigma(), 1.0f, kMostSecondSearch_px);
+  options.radius_px = std::clamp(kTukeyCutoff * engine_.sigma(), 1.0f, kMaxSecondSearch_px);
   options.max_relative_zmssd = kSecondSearchZmssd;
 
   ImagePoint found;
@@ -222,7 +222,7 @@ Task<> BundleAdjuster::discard_outliers() {
     const int index = point_indices_[i];
     const MapPoint& point = map_.points()[index];
     PPTAM_ASSERT(entry.count == point.measurements.size());  // keyframes are inserted between two adjustments
-    float weights[kMostMeasurements + 1];
+    float weights[kMaxMeasurementsPerPoint + 1];
     bool source_is_outlier = false;
     int good = 0;
     for (int k = entry.first; k < entry.first + entry.count; ++k) {

@@ -27,7 +27,7 @@ void measure_usefulness(const Map& map, const Camera& camera, const MapPoint& po
   // In units of a typical depth V_j is of order 1 / sigma^2, and |V| within float32.
   const float depth = map.keyframes()[map.measurements(point)[0].keyframe].mean_depth;
   const float aspect = camera.model.fy / camera.model.fx;
-  Symmetric3 V_j[kMostMeasurements + 1], V;
+  Symmetric3 V_j[kMaxMeasurementsPerPoint + 1], V;
   int next = 0;
   for (const Measurement& measurement : map.measurements(point)) {
     Symmetric3& A = V_j[next++];
@@ -67,7 +67,7 @@ float keyframe_vote(int observers, int rank) {
 void cull_measurements(Map& map, int index, const Camera& camera, WorkMeter& meter) {
   const MapPoint& point = map.points()[index];
   while (point.measurements.size() > map.max_measurements_per_point()) {
-    float m[kMostMeasurements + 1];
+    float m[kMaxMeasurementsPerPoint + 1];
     measure_usefulness(map, camera, point, m);
     meter.charge(Work::kOther, kUsefulnessInstructions * point.measurements.size());
     int worst = -1, j = 0;
@@ -113,7 +113,7 @@ Task<int> UsefulnessCulling::choose() {
   for (;;) {
     int lowest = -1;
     for (const int16_t k : live_)
-      if (!judged_[k] && votes_[k] < kMostVotesToErase && (lowest < 0 || votes_[k] < votes_[lowest])) lowest = k;
+      if (!judged_[k] && votes_[k] < kMaxVotesToErase && (lowest < 0 || votes_[k] < votes_[lowest])) lowest = k;
     if (lowest < 0) co_return -1;
     judged_[lowest] = 1;
     const int parts_without = co_await count_components(place_[lowest], common);
@@ -140,10 +140,10 @@ Task<> UsefulnessCulling::count_votes() {
   for (const MapPoint& point : map_.points()) {
     if (point.id == 0) continue;
     const int observers = point.measurements.size();
-    float m[kMostMeasurements + 1];
+    float m[kMaxMeasurementsPerPoint + 1];
     if (observers > 2) measure_usefulness(map_, config_.camera, point, m);
-    int keyframe[kMostMeasurements + 1], place[kMostMeasurements + 1];
-    int rank[kMostMeasurements + 1];  // counted from 0; equal ones in the order of the measurements
+    int keyframe[kMaxMeasurementsPerPoint + 1], place[kMaxMeasurementsPerPoint + 1];
+    int rank[kMaxMeasurementsPerPoint + 1];  // counted from 0; equal ones in the order of the measurements
     int j = 0;
     for (const Measurement& measurement : map_.measurements(point)) {
       const int b = place_[measurement.keyframe];

@@ -7,7 +7,7 @@
 //
 // Keyframes: every point spreads one vote over those that measure it. Two get a half each; of more, rank r under m_j
 // gets max(0, o - (r - 1)) / (1 + ... + o), o = min(observers, 4). The keyframe with the lowest sum goes, if the sum is
-// under kMostVotesToErase. Beyond the paper, whose version can split the map: never one that holds the keyframe graph
+// under kMaxVotesToErase. Beyond the paper, whose version can split the map: never one that holds the keyframe graph
 // together. Never the datum, and not the two newest, whose corners have not been found a second time yet.
 //
 // The mapper calls. A decision is a coroutine: 1.0 million ARMv6 instructions for the paper's map (35 keyframes, 300
@@ -23,7 +23,7 @@ namespace pptam {
 // less is no loss. Measured on "walls" (240x320, 20 s, 12 keyframes, three seeds), frames tracked: 72 to 80 % under a
 // threshold of 5 or 8, where the map is soon full; 80 to 95 % under 12, 90 to 100 % under 20, all under 25 and without
 // any. On "desk" and "boxes" all are tracked under any, with errors within a fifth.
-constexpr float kMostVotesToErase = 25.0f;
+constexpr float kMaxVotesToErase = 25.0f;
 // Keyframes that share so many points hold together: by fewer the tracker calls no pose good.
 constexpr int kMinCommonPoints = 12;
 

@@ -53,7 +53,7 @@ void Hygiene::merge_if_same(int a, int b) {
   const int stays = a_stays ? a : b, goes = a_stays ? b : a;
   if (!explains(map_, config_.camera, map_.points()[stays], map_.points()[goes])) return;
   // Taken out first: their places may be needed.
-  Measurement taken[kMostMeasurements + 1];
+  Measurement taken[kMaxMeasurementsPerPoint + 1];
   int count = 0;
   for (const Measurement& m : map_.measurements(map_.points()[goes]))
     if (!map_.measured_in(map_.points()[stays], m.keyframe)) taken[count++] = m;

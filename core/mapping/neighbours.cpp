@@ -9,10 +9,10 @@ namespace pptam {
 namespace {
 
 constexpr float kReach = 0.25f;  // of the distance from the camera
-constexpr int kFewestOnPlane = 6;
+constexpr int kMinOnPlane = 6;
 // A plane: its points are no further from it than this, rms, in distances from the camera, and than a fifth of how far
 // they spread in their second direction.
-constexpr float kMostOffPlane = 0.01f;
+constexpr float kMaxOffPlane = 0.01f;
 constexpr float kFlatness = 5.0f;
 constexpr float kMinCosSlant = 0.4f;  // between viewing ray and normal: 66 degrees
 
@@ -43,7 +43,7 @@ Neighbours find_neighbours(const Map& map, int point) {
 }
 
 bool fit_patch_normal(const Map& map, const Neighbours& neighbours, Vector3f* normal_k) {
-  if (neighbours.size() < kFewestOnPlane) return false;
+  if (neighbours.size() < kMinOnPlane) return false;
   const float share = 1.0f / static_cast<float>(neighbours.size());
   Vector3f mean = Vector3f::Zero();
   for (const int i : neighbours) mean += share * map.points()[i].p_w;
@@ -59,7 +59,7 @@ bool fit_patch_normal(const Map& map, const Neighbours& neighbours, Vector3f* no
   const Vector3f p_k = T_kw * point.p_w;
   const float distance = p_k.norm();
   const float off_plane = std::sqrt(std::max(solver.eigenvalues()[0], 0.0f));
-  if (!(off_plane < kMostOffPlane * distance) ||
+  if (!(off_plane < kMaxOffPlane * distance) ||
       !(solver.eigenvalues()[1] > kFlatness * kFlatness * off_plane * off_plane))
     return false;
   Vector3f normal = T_kw.R * solver.eigenvectors().col(0);

@@ -12,8 +12,8 @@ constexpr float kInverseDepthRange = 2.5f;  // points are sought within mean / r
 constexpr float kUnknownSigma = 1e9f;       // of an inverse depth
 // Half the search's length along the line and its margin, pixels of the level searched: what the pose leaves open.
 constexpr float kMargin_px = 2.0f, kMinRadius_px = 3.0f, kMaxRadius_px = 8.0f;
-constexpr float kMaxAcross_px = 3.0f;     // off the epipolar line: more than the pose explains is another patch
-constexpr float kLeastSlope_sq = 1e-12f;  // of d(px)/dq, under which the line has no direction
+constexpr float kMaxAcross_px = 3.0f;   // off the epipolar line: more than the pose explains is another patch
+constexpr float kMinSlope_sq = 1e-12f;  // of d(px)/dq, under which the line has no direction
 
 }  // namespace
 
@@ -63,7 +63,7 @@ void DepthFilter::search(int slot, const Pyramid& pyramid, const MotionModel& mo
   if (outcome == SearchOutcome::kFound) {
     const Vector2f e = at.px - predicted.px;
     const float J_sq = J.squaredNorm();
-    const float across = J_sq > kLeastSlope_sq ? std::abs(e.x() * J.y() - e.y() * J.x()) / std::sqrt(J_sq) : e.norm();
+    const float across = J_sq > kMinSlope_sq ? std::abs(e.x() * J.y() - e.y() * J.x()) / std::sqrt(J_sq) : e.norm();
     accepted = across < kMaxAcross_px;
     if (accepted) {
       ++result->partial_found;

@@ -27,7 +27,7 @@ constexpr float kMinBaseline = 0.03f;          // t / d
 // times better than it must be. Frames within kSameNoise_s share their tremor and count once; those in which too little
 // is known do not count. Who moves on gets a better map, who stops moving gets one at all.
 constexpr float kWellKnown = 2.0f;
-constexpr float kLeastMargin = 0.8f;
+constexpr float kMinMargin = 0.8f;
 constexpr float kSameNoise_s = 0.2f;
 constexpr float kPureRotationTolerance = 0.02f;
 constexpr float kTurned_rad = 0.14f;  // 8 degrees without a baseline: say so
@@ -62,7 +62,7 @@ constexpr float kMinVisibleShare = 0.6f;
 constexpr float kRadius_px = 3.0f, kWideRadius_px = 4.0f;
 constexpr float kBlurLimit_px = 6.0f;  // image motion within the exposure at which L1 becomes useless
 constexpr float kOffPlane = 0.1f;      // of a point's depth on the plane, beyond which it does not lie on it
-constexpr float kLeastSigma = 1e-6f;   // of a quantity known perfectly
+constexpr float kMinSigma = 1e-6f;     // of a quantity known perfectly
 
 }  // namespace
 
@@ -147,9 +147,9 @@ void HomographyInitialiser::constrain(const FrameInput& frame, const Matrix3f& R
     return;
   }
   const float margin = certainly_planar ? planar_margin(decomposition) : general_margin(decomposition);
-  if (margin > kLeastMargin) known_ += margin * margin * dt_s / kSameNoise_s;
+  if (margin > kMinMargin) known_ += margin * margin * dt_s / kSameNoise_s;
   report_.progress = std::clamp(std::max(margin, std::sqrt(known_)) / kWellKnown, 0.0f, 1.0f);
-  if (report_.progress < 1 || margin < kLeastMargin || !sharp) {
+  if (report_.progress < 1 || margin < kMinMargin || !sharp) {
     renew_first_view(frame, rotation_rate);
     return;
   }
@@ -204,8 +204,8 @@ float HomographyInitialiser::general_margin(const Decomposition& decomposition) 
   if (!(depth_sigma > 0)) return 0;
   const float inlier_share = static_cast<float>(relative_.inliers) / static_cast<float>(correspondences.size());
   if (inlier_share < kMinEpipolarShare) return 0;
-  return std::min(kMaxDepthSigma / std::max(depth_sigma, kLeastSigma),
-                  kMaxDirectionSigma_rad / std::max(relative_.sigma_t_rad, kLeastSigma));
+  return std::min(kMaxDepthSigma / std::max(depth_sigma, kMinSigma),
+                  kMaxDirectionSigma_rad / std::max(relative_.sigma_t_rad, kMinSigma));
 }
 
 // From the epipolar constraint. Starts from the last frame's and, some in each frame, from the plane's solutions and

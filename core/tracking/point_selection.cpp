@@ -8,7 +8,7 @@ namespace pptam {
 
 namespace {
 
-constexpr int kMostCells = 16 * 16;
+constexpr int kMaxCells = 16 * 16;
 constexpr float kMinCosView = 0.5f;                  // between the source's and the present viewing direction
 constexpr float kMinScale = 0.4f, kMaxScale = 2.5f;  // distance ratios that a warp can bridge
 
@@ -64,7 +64,7 @@ std::span<const int> PointSelection::select(const Map& map, const SE3& T_cw) {
   };
   const int cells = config_.cells_x * config_.cells_y;
   for (;;) {
-    int best[kMostCells];
+    int best[kMaxCells];
     std::fill_n(best, cells, -1);
     for (int i = 0; i < candidates_.size(); ++i) {
       const Candidate& candidate = candidates_[i];

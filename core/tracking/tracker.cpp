@@ -16,7 +16,7 @@ constexpr int kFramesToConfirm = 2;  // a pose that the relocaliser proposed
 constexpr float kBlurLimit_px = 6.0f;
 
 // After a longer gap the motion model's velocity says nothing.
-constexpr float kLongestGap_s = 1.0f;
+constexpr float kMaxGap_s = 1.0f;
 constexpr float kRelocalisedInterval_s = 1.0f;  // taken for that since the last pose, of which nothing is known
 
 }  // namespace
@@ -81,7 +81,7 @@ TrackResult Tracker::track(const Frame& frame, const Clock* clock) {
   matching_.forget();
 
   frame_.take(frame);
-  if (frame_.dt_s() > kLongestGap_s) motion_.stop();
+  if (frame_.dt_s() > kMaxGap_s) motion_.stop();
   mark_stage(Stage::kPyramid, &result);
 
   // The mapper may have changed the world's coordinates, or given the map up.
@@ -226,7 +226,7 @@ void Tracker::track_initialiser(TrackResult* result) {
     hint_ = Hint::kMoveSideways;
     return;
   }
-  if (frame_.dt_s() > kLongestGap_s) {  // too long to predict where the points are
+  if (frame_.dt_s() > kMaxGap_s) {  // too long to predict where the points are
     initialiser_->reset();
     state_ = TrackingState::kWaiting;
     hint_ = Hint::kStartLost;

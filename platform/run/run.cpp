@@ -76,7 +76,7 @@ Config config_for(const CameraInfo& info) {
   return config;
 }
 
-constexpr size_t kLargestMapFile = size_t{1} << 30;
+constexpr size_t kMaxMapFile = size_t{1} << 30;
 
 std::unique_ptr<Clock> make_clock(const RunOptions& options, const System& system) {
   switch (options.clock) {
@@ -264,7 +264,7 @@ RunLog run_sequence(Camera& camera, const RunOptions& options, const StartObserv
 }
 
 std::vector<std::byte> read_map_file(const std::filesystem::path& file) {
-  return read_file(file, kLargestMapFile);
+  return read_file(file, kMaxMapFile);
 }
 
 }  // namespace pptam::platform

@@ -34,14 +34,14 @@ VideoWriter::VideoWriter(const std::filesystem::path& file, int width, int heigh
 void VideoWriter::add(const unsigned char* pixels, size_t stride_bytes, int64_t timestamp_ns) {
   if (!encoder_) return;
   if (encoded_ == 0) first_ns_ = timestamp_ns;
-  constexpr int64_t kLongestStill = 150;  // pictures; a longer pause in the source is cut short
+  constexpr int64_t kMaxStill = 150;  // pictures; a longer pause in the source is cut short
   const double elapsed_s = 1e-9 * static_cast<double>(saturated_difference(timestamp_ns, first_ns_));
   const int64_t due = std::llround(elapsed_s * fps_) + 1 - skipped_;
   const int64_t missing = std::max<int64_t>(1, due - encoded_);
-  if (missing > kLongestStill) skipped_ += missing - kLongestStill;
+  if (missing > kMaxStill) skipped_ += missing - kMaxStill;
   const size_t bytes = stride_bytes * static_cast<size_t>(height_);
   if (encoded_ > 0) {
-    for (int64_t i = 1; i < std::min(missing, kLongestStill); ++i, ++encoded_) {
+    for (int64_t i = 1; i < std::min(missing, kMaxStill); ++i, ++encoded_) {
       if (!encoder_->write(previous_.data(), bytes)) return finish();
     }
   }

@@ -21,8 +21,8 @@ using namespace platform;
 
 constexpr double kLap_s = 60;
 constexpr int kJudgedMinute = 1;  // counted from 0: gives the alignment, and what later ones are compared with
-constexpr double kMostAteGrowth = 1.2;
-constexpr double kMostCostGrowth = 1.1;
+constexpr double kMaxAteGrowth = 1.2;
+constexpr double kMaxCostGrowth = 1.1;
 constexpr double kRefind_s = 1;  // tracking cannot be expected for so long after a cover or a cut
 
 // The lap's images and poses, rendered once.
@@ -231,12 +231,12 @@ EnduranceReport endure(const EnduranceOptions& options, bool quiet) {
 
   const EnduranceMinute& early = report.minutes[kJudgedMinute];
   const EnduranceMinute& last = report.minutes.back();
-  if (!(last.ate_mm <= kMostAteGrowth * early.ate_mm))
+  if (!(last.ate_mm <= kMaxAteGrowth * early.ate_mm))
     report.faults.push_back(format("the last minute's position error is %.2f times the second's, more than %.1f",
-                                   last.ate_mm / early.ate_mm, kMostAteGrowth));
-  if (!(last.minstructions <= kMostCostGrowth * early.minstructions))
+                                   last.ate_mm / early.ate_mm, kMaxAteGrowth));
+  if (!(last.minstructions <= kMaxCostGrowth * early.minstructions))
     report.faults.push_back(format("a frame of the last minute costs %.2f times one of the second, more than %.1f",
-                                   last.minstructions / early.minstructions, kMostCostGrowth));
+                                   last.minstructions / early.minstructions, kMaxCostGrowth));
   if (report.map_parts != 1) report.faults.push_back(format("the map has come apart: %d parts", report.map_parts));
   if (!report.same_twice) report.faults.push_back("the second run's map is another one");
   return report;

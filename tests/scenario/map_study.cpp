@@ -115,7 +115,7 @@ std::unique_ptr<Run<Scalar>> make_run(const Problem& problem, bool velocities) {
   capacity.cameras = static_cast<int>(problem.cameras.size());
   capacity.points = static_cast<int>(problem.points.size());
   capacity.observations = static_cast<int>(problem.observations.size());
-  capacity.observations_per_point = kMostMeasurements + 1;
+  capacity.observations_per_point = kMaxMeasurementsPerPoint + 1;
   capacity.columns = 2 * capacity.cameras;
   auto run = std::make_unique<Run<Scalar>>(capacity, pinhole<Scalar>(problem.camera.model));
   auto& engine = run->engine();

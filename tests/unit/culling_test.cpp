@@ -180,7 +180,7 @@ TEST_F(CullingTest, UsefulnessIsTheInformationThatWouldBeLost) {
       MapAccess::measurement(map_, index, j).at.level = static_cast<uint8_t>(random_.integer(1, 2));
       MapAccess::measurement(map_, index, j).weight = static_cast<float>(random_.uniform(0, 1));
     }
-    float m[kMostMeasurements + 1];
+    float m[kMaxMeasurementsPerPoint + 1];
     measure_usefulness(map_, config_.camera, point, m);
     double trace = 0;
     const std::vector<double> truth = usefulness_by_definition(map_, config_.camera, point, &trace);
@@ -352,7 +352,7 @@ TEST_F(CullingTest, NeverSplitsTheMap) {
   // The bridge has the fewest votes, and would go by the paper's rule.
   const int chosen = choose();
   for (int k = 1; k < 9; ++k) EXPECT_TRUE(k == bridge || culling_->votes(k) > culling_->votes(bridge)) << k;
-  EXPECT_LT(culling_->votes(bridge), kMostVotesToErase);
+  EXPECT_LT(culling_->votes(bridge), kMaxVotesToErase);
   EXPECT_NE(chosen, bridge);
   // 4 and 6 hold it up too.
   EXPECT_NE(chosen, 4);
