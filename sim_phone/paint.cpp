@@ -91,9 +91,10 @@ void picture(Canvas& canvas, const Place& place, double w, double h, Random& ran
   const double top = random.uniform(0.2, 0.6);
   const double bottom = random.uniform(0.1, 0.5);
   const uint32_t seed = static_cast<uint32_t>(random.bits());
+  ValueNoise coarse(seed), fine(seed + 1);
   canvas.paint(place, 0, 0, w, h, 0, [&](double x, double y) {
-    const float n = value_noise(static_cast<float>(5 * x / size), static_cast<float>(5 * y / size), seed) +
-                    0.5f * value_noise(static_cast<float>(17 * x / size), static_cast<float>(17 * y / size), seed + 1);
+    const float n = coarse(static_cast<float>(5 * x / size), static_cast<float>(5 * y / size)) +
+                    0.5f * fine(static_cast<float>(17 * x / size), static_cast<float>(17 * y / size));
     return Ink{(top + (bottom - top) * y / h) * (0.6 + 0.55 * static_cast<double>(n)), 1};
   });
   const int shapes = 8 + static_cast<int>(std::min(60.0, w * h / (0.028 * 0.028)));
@@ -257,10 +258,11 @@ void wood(Canvas& canvas, Random& random) {
       const double end = x + random.uniform(0.4, 0.9);
       const double shade = base * random.uniform(0.8, 1.2);
       const uint32_t own = seed + static_cast<uint32_t>(random.bits());
+      ValueNoise bend(own), grain(own + 1), fine_grain(own + 2);
       canvas.paint(place, x, b * board, end, (b + 1) * board, 0, [&](double lx, double ly) {
         const float fx = static_cast<float>(lx);
-        const float fy = static_cast<float>(ly) + 0.02f * value_noise(3 * fx, 9 * static_cast<float>(ly), own);
-        const float n = 0.6f * value_noise(7 * fx, 110 * fy, own + 1) + 0.4f * value_noise(25 * fx, 430 * fy, own + 2);
+        const float fy = static_cast<float>(ly) + 0.02f * bend(3 * fx, 9 * static_cast<float>(ly));
+        const float n = 0.6f * grain(7 * fx, 110 * fy) + 0.4f * fine_grain(25 * fx, 430 * fy);
         return Ink{shade * (0.62 + 0.76 * static_cast<double>(n)), 1};
       });
       canvas.line(place, x, b * board, x, (b + 1) * board, 0.0015, 0.3 * base);

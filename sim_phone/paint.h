@@ -12,26 +12,49 @@
 
 namespace pptam::sim {
 
-// Smooth noise in [0, 1] with one cell per unit.
-inline float value_noise(float x, float y, uint32_t seed) {
-  const float floor_x = std::floor(x);
-  const float floor_y = std::floor(y);
-  const int ix = static_cast<int>(floor_x);
-  const int iy = static_cast<int>(floor_y);
-  const auto at = [&](int cx, int cy) {
-    uint32_t h = static_cast<uint32_t>(cx) * 0x8da6b343u ^ static_cast<uint32_t>(cy) * 0xd8163841u ^ seed;
-    h = (h ^ (h >> 15)) * 0x2c1b3c6du;
-    h = (h ^ (h >> 12)) * 0x297a2d39u;
-    return static_cast<float>((h ^ (h >> 15)) >> 8) * 0x1.0p-24f;
-  };
-  float fx = x - floor_x;
-  float fy = y - floor_y;
-  fx = fx * fx * (3 - 2 * fx);
-  fy = fy * fy * (3 - 2 * fy);
-  const float top = at(ix, iy) + fx * (at(ix + 1, iy) - at(ix, iy));
-  const float bottom = at(ix, iy + 1) + fx * (at(ix + 1, iy + 1) - at(ix, iy + 1));
-  return top + fy * (bottom - top);
-}
+// Smooth noise in [0, 1] with one cell per unit. Remembers the cell of the last call: next to each other on a canvas
+// most texels share one.
+class ValueNoise {
+ public:
+  explicit ValueNoise(uint32_t seed) : seed_(seed) {}
+
+  float operator()(float x, float y) {
+    const int ix = floor_of(x), iy = floor_of(y);
+    if (ix != ix_ || iy != iy_) enter(ix, iy);
+    float fx = x - static_cast<float>(ix);
+    float fy = y - static_cast<float>(iy);
+    fx = fx * fx * (3 - 2 * fx);
+    fy = fy * fy * (3 - 2 * fy);
+    const float top = corner_[0] + fx * (corner_[1] - corner_[0]);
+    const float bottom = corner_[2] + fx * (corner_[3] - corner_[2]);
+    return top + fy * (bottom - top);
+  }
+
+ private:
+  // For |x| < 2^24; a library call on processors without a rounding instruction.
+  static int floor_of(float x) {
+    const int whole = static_cast<int>(x);
+    return whole - (x < static_cast<float>(whole) ? 1 : 0);
+  }
+  void enter(int ix, int iy) {
+    const auto at = [this](int cx, int cy) {
+      uint32_t h = static_cast<uint32_t>(cx) * 0x8da6b343u ^ static_cast<uint32_t>(cy) * 0xd8163841u ^ seed_;
+      h = (h ^ (h >> 15)) * 0x2c1b3c6du;
+      h = (h ^ (h >> 12)) * 0x297a2d39u;
+      return static_cast<float>((h ^ (h >> 15)) >> 8) * 0x1.0p-24f;
+    };
+    ix_ = ix;
+    iy_ = iy;
+    corner_[0] = at(ix, iy);
+    corner_[1] = at(ix + 1, iy);
+    corner_[2] = at(ix, iy + 1);
+    corner_[3] = at(ix + 1, iy + 1);
+  }
+
+  uint32_t seed_;
+  int ix_ = INT32_MIN, iy_ = INT32_MIN;
+  float corner_[4] = {};  // of the cell, row by row
+};
 
 // A local coordinate system on a canvas, metres: p = origin + rotation(angle) (x, y).
 struct Place {

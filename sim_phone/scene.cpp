@@ -35,6 +35,7 @@ Surface surface_of(Canvas& canvas, const Vector3d& origin, const Vector3d& u_axi
 Surface make_floor(double size_m, double z, double light, Random& random) {
   Canvas canvas(size_m, size_m, kFloorTexel_m);
   const uint32_t seed = static_cast<uint32_t>(random.bits());
+  ValueNoise coarse(seed), fine(seed + 1);
   const double tile = random.uniform(0.2, 0.35);
   const Place place(0, 0, 0);
   for (int r = 0; r * tile < size_m; ++r) {
@@ -42,8 +43,8 @@ Surface make_floor(double size_m, double z, double light, Random& random) {
       const double shade = random.uniform(0.15, 0.45);
       canvas.paint(place, c * tile + 0.004, r * tile + 0.004, (c + 1) * tile - 0.004, (r + 1) * tile - 0.004, 0,
                    [&](double x, double y) {
-                     const float n = value_noise(static_cast<float>(20 * x), static_cast<float>(20 * y), seed) +
-                                     value_noise(static_cast<float>(70 * x), static_cast<float>(70 * y), seed + 1);
+                     const float n = coarse(static_cast<float>(20 * x), static_cast<float>(20 * y)) +
+                                     fine(static_cast<float>(70 * x), static_cast<float>(70 * y));
                      return Ink{shade * (0.6 + 0.4 * static_cast<double>(n)), 1};
                    });
     }
@@ -254,10 +255,11 @@ Canvas make_wall(double w, double h, Random& random) {
   const Place place(0, 0, 0);
   const double base = random.uniform(0.3, 0.55);
   const uint32_t seed = static_cast<uint32_t>(random.bits());
+  ValueNoise coarse(seed), fine(seed + 1), finest(seed + 2);
   canvas.paint(place, 0, 0, w, h, 0, [&](double x, double y) {
-    const float n = value_noise(static_cast<float>(9 * x), static_cast<float>(9 * y), seed) +
-                    value_noise(static_cast<float>(55 * x), static_cast<float>(55 * y), seed + 1) +
-                    value_noise(static_cast<float>(190 * x), static_cast<float>(190 * y), seed + 2);
+    const float n = coarse(static_cast<float>(9 * x), static_cast<float>(9 * y)) +
+                    fine(static_cast<float>(55 * x), static_cast<float>(55 * y)) +
+                    finest(static_cast<float>(190 * x), static_cast<float>(190 * y));
     return Ink{base * (0.85 + 0.1 * static_cast<double>(n)), 1};
   });
   // The paper's ornament: a lattice of small marks, no two quite alike.
@@ -341,9 +343,9 @@ Scene make_sparse(uint64_t seed) {
   const double light = random.uniform(0.7, 1.1);
   Canvas canvas(kTableSize_m, kTableSize_m, kTableTexel_m);
   const double base = random.uniform(0.3, 0.5);
-  const uint32_t noise = static_cast<uint32_t>(random.bits());
+  ValueNoise uneven(static_cast<uint32_t>(random.bits()));
   canvas.paint(Place(0, 0, 0), 0, 0, kTableSize_m, kTableSize_m, 0, [&](double x, double y) {
-    const float n = value_noise(static_cast<float>(6 * x), static_cast<float>(6 * y), noise);
+    const float n = uneven(static_cast<float>(6 * x), static_cast<float>(6 * y));
     return Ink{base * (0.97 + 0.06 * static_cast<double>(n)), 1};
   });
   page(canvas, Place(0.5 * kTableSize_m, 0.5 * kTableSize_m, random.uniform(0, 2 * std::numbers::pi)), 0.148, 0.21,

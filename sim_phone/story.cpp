@@ -365,9 +365,10 @@ Surface skin(double width_m, double height_m, const Vector3d& origin, const Vect
   Canvas canvas(width_m, height_m, kTexel_m);
   const double tone = random.uniform(0.25, 0.5);
   const uint32_t seed = static_cast<uint32_t>(random.bits());
+  ValueNoise coarse(seed), fine(seed + 1);
   canvas.paint(Place(0, 0, 0), 0, 0, width_m, height_m, 0, [&](double x, double y) {
-    const float n = 0.7f * value_noise(static_cast<float>(60 * x), static_cast<float>(60 * y), seed) +
-                    0.3f * value_noise(static_cast<float>(400 * x), static_cast<float>(400 * y), seed + 1);
+    const float n = 0.7f * coarse(static_cast<float>(60 * x), static_cast<float>(60 * y)) +
+                    0.3f * fine(static_cast<float>(400 * x), static_cast<float>(400 * y));
     const double edge = std::min({x, width_m - x, y, height_m - y});  // rounder at its sides: darker
     return Ink{tone * (0.85 + 0.3 * static_cast<double>(n)) * (0.6 + 0.4 * std::clamp(edge / 0.006, 0.0, 1.0)), 1};
   });
