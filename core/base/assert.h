@@ -1,5 +1,5 @@
-// PPTAM_ASSERT: a condition that only our own bug can break. What happens then is set_assert_handler's; without
-// PPTAM_ENABLE_ASSERT (Release) the expression is not evaluated.
+// PPTAM_ASSERT checks a condition that only a bug of the core can break. On failure the handler of set_assert_handler()
+// is called. Without PPTAM_ENABLE_ASSERT (Release) the expression is not evaluated.
 #pragma once
 
 #include <pocket_ptam/status.h>

@@ -1,7 +1,7 @@
 // Fixed-capacity storage: an arena over the caller's block, and vectors that never grow past their capacity.
 //
-// Everything the core keeps lives in one block of memory that the caller hands over. An Arena cuts it up once, at
-// start; afterwards nothing is allocated. Constructed without a block, an Arena only measures: System::required_bytes()
+// All state of the core lives in one block of memory that the caller provides. An Arena divides it once, at the start;
+// afterwards nothing is allocated. Constructed without a block, an Arena only measures: System::required_bytes()
 // runs the same construction code and reads used(). Not thread-safe.
 #pragma once
 
@@ -22,7 +22,8 @@ class Arena {
   Arena() = default;  // measures only: allocate() returns null
   explicit Arena(std::span<std::byte> block) : block_(block), measuring_(false) {}
 
-  // Uninitialised bytes, aligned as by malloc; null when measuring or when the block is too small (overflowed() tells).
+  // Uninitialised bytes, aligned to kAlignment. Null when measuring or when the block is too small; overflowed() tells
+  // which.
   void* allocate(size_t bytes) {
     used_ = (used_ + kAlignment - 1) / kAlignment * kAlignment;
     const size_t start = used_;
@@ -30,6 +31,7 @@ class Arena {
     if (measuring_ || used_ > block_.size()) return nullptr;
     return block_.data() + start;
   }
+  // An array of value-initialised T; null when allocate() returns null.
   template <class T>
   T* allocate_array(size_t count) {
     static_assert(alignof(T) <= kAlignment && std::is_trivially_destructible_v<T>);
@@ -44,14 +46,14 @@ class Arena {
     static_assert(alignof(T) <= kAlignment && std::is_trivially_destructible_v<T>);
     void* place = allocate(sizeof(T));
     if (place) return new (place) T(*this, std::forward<Args>(args)...);
-    const T measured(*this, std::forward<Args>(args)...);  // what it takes besides itself
+    const T measured(*this, std::forward<Args>(args)...);  // counts what its constructor allocates
     return nullptr;
   }
-  size_t used() const { return used_; }
+  size_t used() const { return used_; }  // bytes
   bool measuring() const { return measuring_; }
   bool overflowed() const { return !measuring_ && used_ > block_.size(); }
 
-  static constexpr size_t kAlignment = alignof(std::max_align_t);
+  static constexpr size_t kAlignment = alignof(std::max_align_t);  // bytes, as malloc's
 
  private:
   std::span<std::byte> block_;
@@ -59,7 +61,7 @@ class Arena {
   bool measuring_ = true;
 };
 
-// A vector whose storage came from an arena. push_back on a full one returns false and changes nothing.
+// A vector whose storage lies in an arena. push_back on a full vector returns false and changes nothing.
 template <class T>
 class FixedVector {
  public:
@@ -103,7 +105,7 @@ class FixedVector {
   int capacity_ = 0;
 };
 
-// The same with its storage inside.
+// A vector of at most N elements whose storage lies in the object. push_back on a full vector returns false.
 template <class T, int N>
 class InlineVector {
  public:
@@ -113,7 +115,7 @@ class InlineVector {
     return true;
   }
   void clear() { size_ = 0; }
-  void erase_at(int i) {  // keeps the order
+  void erase_at(int i) {  // keeps the order of the other elements
     PPTAM_ASSERT(i >= 0 && i < size_);
     for (int k = i; k + 1 < size_; ++k) data_[k] = data_[k + 1];
     --size_;

@@ -1,7 +1,7 @@
-// sin, cos, atan, atan2, exp, cbrt from polynomials of our own: the C libraries differ in the last bit from target to
-// target. float32 in and out, evaluated without fused multiply-add, so the same bits everywhere. sqrt is exact by
-// IEEE 754: use std::sqrt. Error below 2 ulp of 1 (2.4e-7) on the stated domains, 3 ulp for atan2, relative for exp and
-// cbrt; unit tests compare with double precision. NaN in, NaN out.
+// sin, cos, atan, atan2, exp and cbrt with the same bits on every target. (The C libraries' functions differ in the
+// last bit.) float32 polynomials, evaluated without fused multiply-add. sqrt is exact by IEEE 754: use std::sqrt. The
+// error is below 2 ulp of 1 (2.4e-7) on the stated domains, 3 ulp for atan2; it is relative for exp and cbrt. Unit
+// tests compare with double precision. NaN in, NaN out.
 #pragma once
 
 namespace pptam {

@@ -4,6 +4,12 @@
 
 namespace pptam {
 
+namespace {
+
+constexpr int kLinePasses = 2;  // fixed-point passes for a point's line; what they leave stands in camera.h
+
+}  // namespace
+
 float Camera::readout_s() const {
   const int lines = shutter.axis == RollingShutter::Axis::kColumns ? model.width : model.height;
   return std::abs(shutter.line_time_s) * static_cast<float>(lines);
@@ -16,7 +22,7 @@ bool Camera::project_rolling(const SE3& T_cw, const Vector6f& velocity, const Ve
   if (!project(q, &seen->px)) return false;
   if (shutter.line_time_s == 0) return true;
   float dt = 0;
-  for (int pass = 0; pass < 2; ++pass) {
+  for (int pass = 0; pass < kLinePasses; ++pass) {
     dt = dt_s(seen->px);
     if (!project(moved_point(q, velocity, dt), &seen->px)) return false;
   }

@@ -7,31 +7,39 @@
 namespace pptam {
 namespace {
 
-constexpr float kMaxSize = 8192.0f;         // pixels
+constexpr float kMaxSize = 8192.0f;         // pixels across or down; not swept
 constexpr float kMaxFovW = 3.1f;            // radians; at pi the FOV model's tan(w/2) is infinite
-constexpr float kMaxCornerRadius = 11.43f;  // tan(85 degrees): the image spans less than 170
-constexpr float kRadiusMargin = 1.5f;       // of project() beyond the farthest corner
-constexpr float kMinRadius_px = 1.0f;       // for an image of one pixel, whose corner is its centre
-constexpr float kMaxRadius = kMaxCornerRadius * kRadiusMargin;
-// A corner found this near to the fold was stopped by it. Below 1 by more than the scan step of fold_radius().
+constexpr float kMaxCornerRadius = 11.43f;  // tan(85 degrees): the field of view is under 170 degrees. Not swept
+// Ratio of the largest radius that project() accepts to that of the farthest image corner. Not swept.
+constexpr float kRadiusMargin = 1.5f;
+constexpr float kMinRadius_px = 1.0f;  // pixels, for an image of one pixel, whose corner is its centre
+constexpr float kMaxRadius = kMaxCornerRadius * kRadiusMargin;  // normalised, of any model
+// Ratio of a corner's radius to the fold's: a corner this near to the fold lies on or beyond it, as undistort() stops
+// there. Below 1 by more than the scan step of fold_radius().
 constexpr float kFoldFraction = 0.98f;
-// Newton stops after a step from this error (normalised coordinates, squared) or after kNewtonSteps: its convergence is
-// quadratic, so what is left is under 1e-7 even where the distortion's slope is 0.05. Real lenses take two or three.
+// Newton's method stops after a step from this error (normalised coordinates, squared) or after kNewtonSteps. It
+// converges quadratically, so what is left is under 1e-7 even where the distortion's slope is 0.05. Real lenses take
+// two or three steps.
 constexpr float kNewtonErrorSq = 1e-10f;
 constexpr int kNewtonSteps = 10;
-constexpr float kMaxRoundTripErrorSq = 1e-4f;  // pixels, squared, at the border
+constexpr float kMaxRoundTripErrorSq = 1e-4f;  // (0.01 px)^2 at the border, well under the noise of a measurement
+// Squared radius (times k^2 for the FOV model) below which gain and slope come from a series, because the exact slope
+// is a difference of nearly equal numbers. The terms left out are below 1e-9 for coefficients of order 1.
+constexpr float kMaxSeriesRadiusSq = 1e-3f;
+constexpr float kMinFoldDeterminant = 1e-6f;  // of d(distorted)/d(x), 0 at the fold: Newton stops there. Not swept
+constexpr float kMinDistortedRadius = 1e-6f;  // normalised; nearer to the centre the gain is that of the centre
 
-// A radial distortion takes normalised x to gain * x; slope = d(gain)/d(radius) / radius, so that
+// A radial distortion maps normalised x to gain * x. slope = d(gain)/d(radius) / radius, so that
 // d(distorted)/d(x) = gain I + slope x x^T.
 struct Radial {
   float gain;
   float slope;
 };
 
-// r' = atan(k r) / w with k = 2 tan(w/2); the series in (k r)^2 where the exact slope cancels.
+// FOV model [ptam eq. 5]: r' = atan(k r) / w with k = 2 tan(w/2), as a series in (k r)^2 near the centre.
 Radial fov_radial(float r_sq, float w, float k) {
   const float s = k * k * r_sq;
-  if (s < 1e-3f) {
+  if (s < kMaxSeriesRadiusSq) {
     const float k_w = k / w;
     return {k_w * (1.0f - s * (1.0f / 3.0f - s * 0.2f)), k_w * k * k * (-2.0f / 3.0f + s * (0.8f - s * (6.0f / 7.0f)))};
   }
@@ -40,6 +48,7 @@ Radial fov_radial(float r_sq, float w, float k) {
   return {gain, (k / (w * (1.0f + s)) - gain) / r_sq};
 }
 
+// Radial part of the radial-tangential model: 1 + k1 r^2 + k2 r^4 + k3 r^6.
 Radial radtan_radial(float r_sq, const float* c) {
   return {1.0f + r_sq * (c[0] + r_sq * (c[1] + r_sq * c[4])), 2.0f * c[0] + r_sq * (4.0f * c[1] + r_sq * 6.0f * c[4])};
 }
@@ -54,11 +63,11 @@ float equidistant_angle_derivative(float theta, const float* c) {
   return 1.0f + s * (3.0f * c[0] + s * (5.0f * c[1] + s * (7.0f * c[2] + s * 9.0f * c[3])));
 }
 
-// r' = angle(atan(r)); the series to r^4 where the exact slope cancels.
+// Equidistant model: r' = angle(atan(r)), as a series to r^4 near the centre.
 Radial equidistant_radial(float r_sq, const float* c) {
-  if (r_sq < 1e-3f) {
-    const float a = c[0] - 1.0f / 3.0f;  // of r^2
-    const float b = c[1] - c[0] + 0.2f;  // of r^4
+  if (r_sq < kMaxSeriesRadiusSq) {
+    const float a = c[0] - 1.0f / 3.0f;  // coefficient of r^2
+    const float b = c[1] - c[0] + 0.2f;  // coefficient of r^4
     return {1.0f + r_sq * (a + r_sq * b), 2.0f * a + r_sq * 4.0f * b};
   }
   const float r = std::sqrt(r_sq);
@@ -67,7 +76,7 @@ Radial equidistant_radial(float r_sq, const float* c) {
   return {gain, (equidistant_angle_derivative(theta, c) / (1.0f + r_sq) - gain) / r_sq};
 }
 
-// Distorted normalised coordinates of x; D, when wanted, is d(distorted)/d(x).
+// Distorted normalised coordinates of x. D, unless null, is d(distorted)/d(x).
 Vector2f distort(const CameraModel& camera, const Vector2f& x, Matrix2f* D) {
   const float r_sq = x.dot(x);
   const float* c = camera.coeffs;
@@ -93,20 +102,23 @@ Vector2f distort(const CameraModel& camera, const Vector2f& x, Matrix2f* D) {
   return distorted;
 }
 
+// 2 tan(w / 2) for the FOV model, else 0.
 float fov_gain_of(const CameraModel& camera) {
   if (camera.distortion != Distortion::kFov) return 0.0f;
   const float half = 0.5f * camera.coeffs[0];
   return 2.0f * det_sin(half) / det_cos(half);
 }
 
-// The undistorted radius within which the distortion keeps its orientation in eight directions, at most kMaxRadius.
+// Undistorted radius, at most kMaxRadius, within which the distortion does not fold over: its Jacobian is positive
+// definite along eight directions.
 float fold_radius(const CameraModel& camera) {
   if (camera.distortion == Distortion::kNone || camera.distortion == Distortion::kFov) return kMaxRadius;
-  constexpr float kStep = 1.01f;
+  constexpr float kFirstRadius = 0.01f;  // normalised, half a degree; not swept
+  constexpr float kStep = 1.01f;         // ratio of successive radii; see kFoldFraction
   constexpr float kDirections[8][2] = {{1.0f, 0.0f},  {0.7f, 0.7f},   {0.0f, 1.0f},  {-0.7f, 0.7f},
                                        {-1.0f, 0.0f}, {-0.7f, -0.7f}, {0.0f, -1.0f}, {0.7f, -0.7f}};
   float inside = 0.0f;
-  for (float r = 0.01f; r < kMaxRadius; r *= kStep) {
+  for (float r = kFirstRadius; r < kMaxRadius; r *= kStep) {
     for (const float* direction : kDirections) {
       Matrix2f D;
       distort(camera, Vector2f(r * direction[0], r * direction[1]), &D);
@@ -118,6 +130,7 @@ float fold_radius(const CameraModel& camera) {
   return kMaxRadius;
 }
 
+// Inverse of distort(); the result's radius is at most the root of max_radius_sq.
 Vector2f undistort(const CameraModel& camera, const Vector2f& distorted, float max_radius_sq) {
   const float* c = camera.coeffs;
   if (camera.distortion == Distortion::kNone) return distorted;
@@ -131,19 +144,19 @@ Vector2f undistort(const CameraModel& camera, const Vector2f& distorted, float m
       Matrix2f D;
       const Vector2f error = distort(camera, x, &D) - distorted;
       const float determinant = D(0, 0) * D(1, 1) - D(0, 1) * D(1, 0);
-      if (!(determinant > 1e-6f)) return x;  // at the fold: nothing beyond projects
+      if (!(determinant > kMinFoldDeterminant)) return x;  // at the fold, beyond which nothing projects
       x.x() -= (D(1, 1) * error.x() - D(0, 1) * error.y()) / determinant;
       x.y() -= (D(0, 0) * error.y() - D(1, 0) * error.x()) / determinant;
       converged = error.dot(error) < kNewtonErrorSq;
     }
   }
   const float r_distorted = std::sqrt(distorted.dot(distorted));
-  if (!(r_distorted > 1e-6f)) {  // gain of the centre: k / w, or 1
+  if (!(r_distorted > kMinDistortedRadius)) {  // the gain at the centre is k / w for the FOV model, else 1
     return camera.distortion == Distortion::kFov ? Vector2f(distorted * (c[0] / camera.fov_gain)) : distorted;
   }
   const float max_theta =
       det_atan(std::sqrt(max_radius_sq) * (camera.distortion == Distortion::kFov ? camera.fov_gain : 1.0f));
-  float theta = 0.0f;  // the undistorted radius is tan(theta), over k for the FOV model
+  float theta = 0.0f;  // the undistorted radius is tan(theta), or tan(theta) / k for the FOV model
   if (camera.distortion == Distortion::kFov) {
     theta = r_distorted * c[0];
   } else {
@@ -161,11 +174,12 @@ Vector2f undistort(const CameraModel& camera, const Vector2f& distorted, float m
   return distorted * (r / r_distorted);
 }
 
+// Normalised, still distorted coordinates of a pixel.
 Vector2f distorted_coordinates(const CameraModel& camera, const Vector2f& px) {
   return {(px.x() - camera.cx) / camera.fx, (px.y() - camera.cy) / camera.fy};
 }
 
-// The farthest corner's undistorted radius, with nothing allowed beyond fold.
+// Undistorted radius of the farthest image corner, at most fold.
 float corner_radius(const CameraModel& camera, float fold) {
   float radius_sq = 0.0f;
   for (int i = 0; i < 4; ++i) {
@@ -179,7 +193,7 @@ float corner_radius(const CameraModel& camera, float fold) {
 }
 
 bool finite(float value) {
-  return value - value == 0.0f;
+  return value - value == 0.0f;  // NaN for infinities and NaN
 }
 
 Status invalid(const char* message) {
@@ -245,7 +259,7 @@ bool CameraModel::project(const Vector3f& p_c, Vector2f* px, Matrix23f* J_px_p) 
   if (!(p_c.z() > 0.0f)) return false;
   const Vector2f x(p_c.x() / p_c.z(), p_c.y() / p_c.z());
   if (!(x.dot(x) <= max_radius_sq)) return false;
-  if (distortion == Distortion::kNone) {  // the same numbers, shorter
+  if (distortion == Distortion::kNone) {  // gives the bits of the general case, in less time
     *px = Vector2f(fx * x.x() + cx, fy * x.y() + cy);
     const float inverse_z = 1.0f / p_c.z();
     *J_px_p << fx * inverse_z, 0.0f, fx * x.x() * -inverse_z, 0.0f, fy * inverse_z, fy * x.y() * -inverse_z;
@@ -254,7 +268,7 @@ bool CameraModel::project(const Vector3f& p_c, Vector2f* px, Matrix23f* J_px_p) 
   Matrix2f D;
   const Vector2f distorted = distort(*this, x, &D);
   *px = Vector2f(fx * distorted.x() + cx, fy * distorted.y() + cy);
-  // d(px)/d(x), then d(x)/d(p) = [I, -x] / z.
+  // Chain rule: d(px)/d(x) times d(x)/d(p) = [I, -x] / z.
   Matrix2f J_px_x;
   J_px_x.row(0) = fx * D.row(0);
   J_px_x.row(1) = fy * D.row(1);

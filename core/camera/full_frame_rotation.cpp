@@ -9,23 +9,31 @@ namespace pptam {
 
 namespace {
 
-constexpr int kLevel = kPyramidLevels - 1;
-constexpr int kMaxIterations = 8;
-// The step after one of this size is at most a tenth of it, the estimate's own noise twice it. Five times less costs an
-// iteration more and gains nothing (0.101 degrees rms both, at up to 60 degrees/s).
+constexpr int kLevel = kPyramidLevels - 1;  // 15x20 pixels on the phone [phone 4]
+constexpr int kMaxIterations = 8;           // not swept
+// Step at which the iteration ends. The next step would be at most a tenth of it, while the estimate's noise is twice
+// it. Five times less costs one more iteration and gains nothing (0.101 degrees rms both, at up to 60 degrees/s).
 constexpr float kConverged_rad = 1e-3f;
-constexpr float kMaxLastStep_rad = 4e-3f;  // of what ran out of iterations: 0.1 px of level 4 on the phone
-constexpr float kHuber_grey = 8.0f;        // moving objects and borders, against 1-2 grey levels of noise
+// Largest last step of a good estimate that used all iterations: 0.1 px of level 4 on the phone. Not swept.
+constexpr float kMaxLastStep_rad = 4e-3f;
+// Huber threshold, grey levels: above the noise of 1-2, below the residuals of moving objects and borders. Not swept.
+constexpr float kHuber_grey = 8.0f;
+// Largest rms residual (grey levels) and smallest gain (ratio; largest 1 / kMinGain) at which the two images are
+// believed to show the same scene. Not swept.
 constexpr float kMaxResidual_grey = 25.0f;
-constexpr float kMinGain = 0.4f;  // beyond it the two images do not show the same thing
+constexpr float kMinGain = 0.4f;
+constexpr int kOverlapShare = 3;  // at least 1 / kOverlapShare of the interior pixels must overlap; not swept
 
+// Information of the prior on the gain parameters, grey^2: a weak pull to an even gain of 1, which separates gain and
+// offset in images of little contrast. Not swept.
 constexpr float kGainPull = 10.0f;
-constexpr float kMaxStep_rad = 0.5f;      // more comes from garbage
-constexpr float kMinPivot = 1e-5f;        // a hundred times float32's rounding
-constexpr float kMinInformation = 1e-3f;  // of a rotation, grey^2/rad^2: no texture at all
+constexpr float kMinVariance_grey2 = 1.0f;  // grey^2, floor of the covariance's noise; not swept
+constexpr float kMaxStep_rad = 0.5f;        // longer steps come from images that do not match; not swept
+constexpr float kMinPivot = 1e-5f;          // ratio (NormalEquations), a hundred times float32's rounding; not swept
+constexpr float kMinInformation = 1e-3f;    // on a rotation, grey^2/rad^2: there is no texture at all. Not swept
 
-constexpr int16_t kOutside = INT16_MIN;
-constexpr int kUnit = 16;  // of warped grey levels
+constexpr int16_t kOutside = INT16_MIN;  // in warped_: the pixel falls outside the current image
+constexpr int kUnit = 16;                // warped_ is in units of 1/kUnit grey level
 
 }  // namespace
 
@@ -50,11 +58,12 @@ FullFrameRotation::FullFrameRotation(Arena& arena, const CameraModel& camera)
   }
 }
 
-// Bilinear, at multiples of 1/256 px, rounded to 1/16 grey.
+// Fills warped_ with the current image as the previous camera would see it: bilinear, at multiples of 1/256 px, rounded
+// to 1/16 grey level.
 void FullFrameRotation::warp(const GreyView& current, const Matrix3f& R_cp, const Vector3f& t_over_depth) {
-  constexpr float kRounding = 0.5f / 256;
+  constexpr float kRounding = 0.5f / 256;  // pixels
   const float max_x = static_cast<float>(width_ - 1) - kRounding, max_y = static_cast<float>(height_ - 1) - kRounding;
-  // In variables of their own, for the compiler to keep in registers.
+  // Local copies, so that the compiler keeps them in registers.
   const Matrix3f R = R_cp;
   const Vector3f shift = R.col(2) + t_over_depth;
   const uint8_t* const data = current.data;
@@ -111,12 +120,13 @@ void FullFrameRotation::sum(int from, int to) {
   for (int y = std::max(from, 1); y < std::min(to, height_ - 1); ++y) sum_row(y);
 }
 
-// Of one image row: sums of w u u^T and w u e, u = (J, -I, -1, -I x, -I y). Single variables, to stay in registers.
+// Adds one image row to the normal equations: w u u^T and w u e with u = (J, -I, -1, -I x, -I y). The sums are single
+// variables, so that the compiler keeps them in registers.
 void FullFrameRotation::sum_row(int y) {
   const uint8_t* I_p = previous_.row(y);
   const int stride = previous_.stride;
   const float x_middle = 0.5f * static_cast<float>(width_ - 1), y_middle = 0.5f * static_cast<float>(height_ - 1);
-  const float unit = 2.0f / static_cast<float>(width_ + height_);  // makes coordinates of order 1
+  const float unit = 2.0f / static_cast<float>(width_ + height_);  // scales coordinates to order 1
   const float ys = unit * (static_cast<float>(y) - y_middle);
   const float row_gain = gain_.gain + gain_.y * ys, gain_x = gain_.x, offset = gain_.offset;
   float J0_J0 = 0, J1_J0 = 0, J1_J1 = 0, J2_J0 = 0, J2_J1 = 0, J2_J2 = 0;
@@ -131,8 +141,8 @@ void FullFrameRotation::sum_row(int y) {
     if (I_w[0] == kOutside || left == kOutside || right == kOutside || above == kOutside || below == kOutside) continue;
     const float xs = unit * (static_cast<float>(x) - x_middle);
     const float pixel_gain = row_gain + gain_x * xs;
-    // J = (grad I_p + grad I_warped) / 2 * d(pixel)/d(omega) [phone 4]; the warped image's gradient is in the previous
-    // camera's pixels too. Central differences halved, and the two images' mean: a quarter.
+    // J = (grad I_p + grad I_warped) / 2 * d(pixel)/d(omega) [phone 4]. Both gradients are in the previous camera's
+    // pixels. A factor 1/2 comes from the central differences, another from the mean of the two images.
     constexpr float kWarped = 0.25f / kUnit;
     const float dx =
         kWarped * static_cast<float>(right - left) + 0.25f * pixel_gain * static_cast<float>(I_p[x + 1] - I_p[x - 1]);
@@ -159,7 +169,7 @@ void FullFrameRotation::sum_row(int y) {
     ++count_;
   }
   cost_ += cost;
-  // The last parameter's u is -I y, y the same along the row.
+  // u of the last parameter is -I y, where y is constant along the row: its sums are multiples of the others.
   const float row[kUnknowns][kUnknowns] = {
       {J0_J0},
       {J1_J0, J1_J1},
@@ -178,9 +188,9 @@ void FullFrameRotation::sum_row(int y) {
 }
 
 FitStep FullFrameRotation::step(int iteration) {
-  if (count_ < (width_ - 2) * (height_ - 2) / 3) return FitStep::kFailed;
+  if (count_ < (width_ - 2) * (height_ - 2) / kOverlapShare) return FitStep::kFailed;
   result_.residual = std::sqrt(cost_ / static_cast<float>(count_));
-  // A weak pull to an even gain of 1 keeps gain and offset apart in images of little contrast.
+  // The prior kGainPull on parameters 3, 5 and 6 (gain, gain_x, gain_y).
   const float from_even[kUnknowns] = {0, 0, 0, 1.0f - gain_.gain, 0, -gain_.x, -gain_.y};
   for (const int j : {3, 5, 6}) {
     equations_.A(j, j) += kGainPull;
@@ -200,7 +210,7 @@ FitStep FullFrameRotation::step(int iteration) {
   gain_.y += x[6];
   if (!(size < kConverged_rad) && iteration + 1 < kMaxIterations) return FitStep::kAgain;
 
-  const float variance = std::max(result_.residual * result_.residual, 1.0f);
+  const float variance = std::max(result_.residual * result_.residual, kMinVariance_grey2);
   for (int i = 0; i < 3; ++i) {
     float column[kUnknowns];
     equations_.covariance_column(i, 0, column);

@@ -1,9 +1,9 @@
 // The visual gyroscope: rotation between successive frames from the 15x20 level [phone 4].
 //
-// Direct 3-DOF efficient second-order minimisation with gain and offset, Huber weights. Needs no map and does not
-// allocate after start, so it serves every state. At a narrow field of view what it measures without a map is
-// *apparent* rotation: 0.1 m/s sideways at 1 m looks like 5.7 degrees/s. With a map, give the motion model's
-// translation over the scene's depth; then only the residual rotation is estimated.
+// Direct 3-DOF efficient second-order minimisation (ESM) with gain and offset and Huber weights. It needs no map, so it
+// serves every tracking state. No allocation after construction. Without a map and at a narrow field of view it
+// measures *apparent* rotation: 0.1 m/s sideways at 1 m looks like 5.7 degrees/s. With a map, give the motion model's
+// translation divided by the scene's depth; then only the residual rotation is estimated.
 #pragma once
 
 #include <pocket_ptam/camera_model.h>
@@ -19,33 +19,35 @@ struct RotationEstimate {
   float residual = 0;                          // rms after gain and offset, grey levels
   int iterations = 0;
   bool ok = false;    // enough overlap and texture, converged
-  bool near = false;  // the same but for the last: a start for what searches coarsely
+  bool near = false;  // ok, or only convergence is missing: good enough to start a wide search
 };
 
 class FullFrameRotation {
  public:
   FullFrameRotation(Arena& arena, const CameraModel& camera);  // camera: of level 0, prepared
 
-  // t_over_depth: translation of T_cp divided by the scene's mean depth (zero without a map). Small images as made by
-  // make_small_image, of the camera's size.
+  // Aligns `current` with `previous`, both made by make_small_image() from images of the camera's size. R_start: start
+  // for R_cp. t_over_depth: translation of T_cp divided by the scene's mean depth; zero without a map.
   RotationEstimate estimate(const GreyView& previous, const GreyView& current, const Matrix3f& R_start,
                             const Vector3f& t_over_depth);
 
  private:
   friend class RobustFit<FullFrameRotation>;
-  struct Pixel {       // of the small image
-    Vector2f ray;      // (x/z, y/z)
-    Matrix23f J_px_w;  // small-image pixels per radian of omega, p <- exp(omega) p
+  struct Pixel {       // a pixel of the small image
+    Vector2f ray;      // (x/z, y/z) of its centre
+    Matrix23f J_px_w;  // small-image pixels per radian of omega, for p <- exp(omega) p
   };
-  // I_c(project(R exp(omega) x + t/d)) = gain(x) I_p(x) + offset, over the interior pixels of the previous image. The
-  // gain is a plane: when the camera turns, a point moves to where vignetting darkens it differently. (One gain for all
-  // pixels: 0.46 degrees rms off in place of 0.10, at up to 60 degrees/s with natural vignetting.)
+  // Model: I_c(project(R exp(omega) x + t/d)) = gain(x) I_p(x) + offset, over the interior pixels of the previous
+  // image. gain(x) is linear in the image coordinates, because vignetting changes a point's brightness when the camera
+  // turns. At up to 60 degrees/s with natural vignetting the error is 0.10 degrees rms; with one gain for all pixels,
+  // 0.46.
   struct Gain {
-    float gain = 1, x = 0, y = 0, offset = 0;
+    float gain = 1, x = 0, y = 0;  // ratio at the middle, and its change per unit of scaled coordinates (sum_row())
+    float offset = 0;              // grey levels
   };
   static constexpr int kUnknowns = 7;  // omega, gain, offset, gain_x, gain_y
 
-  // What RobustFit asks for. Its residuals are the image's rows.
+  // Interface for RobustFit, which sums by image rows.
   bool errors(int iteration);
   void scale();
   int residuals() const { return height_; }
@@ -60,13 +62,13 @@ class FullFrameRotation {
   FixedVector<Pixel> pixels_;
   FixedVector<int16_t> warped_;  // the current image as the previous camera would see it, 1/16 grey; kOutside elsewhere
 
-  // Of the present estimate.
+  // State of the estimate in progress.
   GreyView previous_, current_;
   Vector3f t_over_depth_;
   Gain gain_;
   NormalEquations<kUnknowns> equations_;
-  float cost_ = 0;
-  int count_ = 0;  // pixels
+  float cost_ = 0;  // weighted sum of squared residuals, grey^2
+  int count_ = 0;   // pixels used
   RotationEstimate result_;
 };
 

@@ -9,16 +9,17 @@ namespace pptam {
 
 namespace {
 
-constexpr float kVelocityBlend = 0.7f;      // share of the newest measured velocity
-constexpr float kVelocityDecayRate = 1.6f;  // 1/s: a fifth is left of a velocity after a second without measurements
-constexpr float kMissedDecayRate = 3.0f;    // 1/s, of the velocity in frames whose pose is not measured
+// The decaying velocity model [ptam 5.1]. None of these was swept.
+constexpr float kVelocityBlend = 0.7f;      // share of the newest measured velocity in the velocity, ratio
+constexpr float kVelocityDecayRate = 1.6f;  // 1/s, at measured frames: a velocity keeps 0.90 of itself at 15 Hz
+constexpr float kMissedDecayRate = 3.0f;    // 1/s, at frames whose pose is not measured: keeps 0.80 of itself at 15 Hz
 
-// How far the velocity during a readout may be from the mean since the last frame: this share of the change of the
-// rotation rate from frame to frame, rms of each component over some ten frames; at least what a calm hand needs, at
-// most this in radians/s.
-constexpr float kTurnChangeShare = 0.5f;
-constexpr float kTurnChangeBlend = 0.1f;
-constexpr float kMaxSigmaRotation = 0.3f;
+// Prior sigma of the rotation rate during a readout, about the mean since the last frame: kTurnChangeShare times the
+// rms change of the rotation rate from frame to frame, within kVelocitySigmaRotation (a calm hand) and
+// kMaxSigmaRotation. None of these was swept.
+constexpr float kTurnChangeShare = 0.5f;   // ratio
+constexpr float kTurnChangeBlend = 0.1f;   // share of the newest change in the running mean: about ten frames
+constexpr float kMaxSigmaRotation = 0.3f;  // radians/s
 
 }  // namespace
 
@@ -63,9 +64,9 @@ float MotionModel::image_speed() const {
 
 void MotionModel::believe(const PoseUpdate& pose, float dt_s, float mean_depth) {
   Vector6f measured = (pose.T_cw * T_cw_.inverse()).log() / dt_s;
-  if (missed_ > 0 || believed_ == 0) measured.head<3>().setZero();  // the last pose was a guess
+  if (missed_ > 0 || believed_ == 0) measured.head<3>().setZero();  // the last pose was not measured
   central_known_ = believed_ >= 2;
-  if (central_known_)  // the mean of both sides' velocities, the nearer one's counting more
+  if (central_known_)  // mean of the velocities before and after, weighted by the other one's interval
     central_velocity_ = (dt_s * last_motion_ + last_interval_s_ * measured) / (dt_s + last_interval_s_);
   last_motion_ = measured;
   last_interval_s_ = dt_s;

@@ -9,20 +9,20 @@ namespace pptam {
 
 namespace {
 
+// Number of the last iteration, counted from 0 [ptam 5.4: ten iterations].
 constexpr int kIterations = 10;
-// Iterations with full projections; between them the errors follow their Jacobians [phone 4].
+// Iterations with full projections, after [ptam 6.5: every fourth]. Between them the errors follow their Jacobians.
 constexpr int kRelinearised[] = {0, 4, 9};
-constexpr int kMinInliers = 6;
-// Squared steps, radians and scene depths.
-constexpr float kConverged = 1e-10f;  // 0.004 px on the phone
-constexpr float kMaxStep = 0.5f;      // more comes from garbage
-// Smallest pivot of the system scaled to a unit diagonal: a hundred times float32's rounding.
-constexpr float kMinPivot = 1e-5f;
+constexpr int kMinInliers = 6;  // rows: 12 equations of map points for the pose's 6 unknowns; not swept
+// Squared steps, in radians and mean scene depths.
+constexpr float kConvergedSq = 1e-10f;  // 0.004 px on the phone
+constexpr float kMaxStepSq = 0.5f;      // 40 degrees or 0.7 depths: longer steps come from wrong matches. Not swept
+constexpr float kMinPivot = 1e-5f;      // ratio (NormalEquations), a hundred times float32's rounding; not swept
 
-constexpr float kUnseen = 1e12f;  // squared error of a row that cannot be predicted
+constexpr float kUnseen = 1e12f;  // squared error (sigma^2) of a row that cannot be predicted: beyond every cut-off
 
-constexpr int kPose = 6;
-constexpr int kSummedAtOnce = 64;  // rows
+constexpr int kPose = 6;           // unknowns
+constexpr int kSummedAtOnce = 64;  // rows in one piece: 45,000 instructions (Work::kPosePoint), well under a slice
 
 }  // namespace
 
@@ -40,7 +40,7 @@ void PoseRow::set_point(const Camera& camera, const SE3& T_cw, const Vector6f& v
     J[k][0] = x;
     J[k][1] = y;
     J[k][2] = z;
-    J[k][3] = p.y() * z - p.z() * y;  // the rotation's: p x (x, y, z)
+    J[k][3] = p.y() * z - p.z() * y;  // of the rotation: p x (x, y, z)
     J[k][4] = p.z() * x - p.x() * z;
     J[k][5] = p.x() * y - p.y() * x;
     e_0[k] = scale * (found.px[k] - px[k]);
@@ -140,7 +140,7 @@ void PoseUpdater::follow() {
   }
 }
 
-// Of the rows that have so many; 0 without any.
+// Robust sigma of the rows that have this number of components; 0 when there are none.
 float PoseUpdater::sigma_of(int components) {
   squared_.clear();
   for (PoseRow& row : rows_) {
@@ -166,7 +166,7 @@ void PoseUpdater::scale() {
 void PoseUpdater::sum(int from, int to) {
   meter_.charge(Work::kPosePoint, to - from);
   const Tukey tukey(result_.sigma), scalar(scalar_sigma_, kTukeyCutoff1d);
-  // All sums are in units of result_.sigma.
+  // Cost and sums are in units of result_.sigma^2: rows of one component are scaled by ratio^2.
   const float ratio = scalar_sigma_ > 0 ? result_.sigma / scalar_sigma_ : 0;
   for (int i = from; i < to; ++i) {
     PoseRow& row = rows_[i];
@@ -180,9 +180,10 @@ void PoseUpdater::sum(int from, int to) {
   }
 }
 
-// The velocity's unknowns come first; its prior's r = velocity - (mean + rate * moved) adds to both.
+// Unknowns: the velocity (when free), then the pose. The residual of the velocity's prior, r = velocity - (mean +
+// rate_per_s * moved), depends on both.
 void PoseUpdater::fill_equations(int unknowns) {
-  const int pose = unknowns - kPose;  // the pose's place
+  const int pose = unknowns - kPose;  // index of the pose's first unknown
   const float information = 1 / (result_.sigma * result_.sigma);
   equations_.clear(unknowns);
   for (int i = 0, k = 0; i < 6; ++i) {
@@ -219,8 +220,8 @@ FitStep PoseUpdater::step(int iteration) {
   pose_step_ += step;
   moved_ += step;
   const float size = step.head<3>().squaredNorm() / (mean_depth_ * mean_depth_) + step.tail<3>().squaredNorm();
-  if (size > kMaxStep) return FitStep::kFailed;
-  const bool small = size < kConverged;
+  if (size > kMaxStepSq) return FitStep::kFailed;
+  const bool small = size < kConvergedSq;
   if (iteration < kIterations && !(small && full_)) {
     confirm_ = small;
     return FitStep::kAgain;

@@ -10,10 +10,15 @@
 namespace pptam {
 namespace {
 
-// Rounding of the squared singular values, relative to the middle one: nearer than this they are called equal.
+// Squared singular values that differ by less, relative to the middle one, are called equal: 17 times float32's
+// rounding. Not swept.
 constexpr float kRounding = 2e-6f;
-// Smallest squared singular value relative to the largest: below, the second camera lies on the plane within rounding.
+// Smallest ratio of the smallest to the largest squared singular value: below it the second camera lies on the plane
+// within rounding. Not swept.
 constexpr float kMinSquaredRatio = 1e-5f;
+// Bounds of the largest element of a usable matrix, in its own unit: well inside float32's range. Not swept.
+constexpr float kMaxElement = 1e30f;
+constexpr float kMinElement = 1e-30f;
 
 template <int N>
 struct EigenSystem {
@@ -21,11 +26,11 @@ struct EigenSystem {
   Eigen::Matrix<float, N, N> vectors;  // in columns
 };
 
-// Eigenvalues (unsorted) and eigenvectors of a symmetric positive definite matrix by cyclic Jacobi rotations. Unlike a
-// tridiagonal method it keeps the relative precision of small eigenvalues that come from badly scaled parameters.
+// Eigenvalues (unsorted) and eigenvectors of a symmetric positive definite matrix by cyclic Jacobi rotations. Unlike
+// tridiagonal methods they keep the relative precision of small eigenvalues when parameters are badly scaled.
 template <int N>
 EigenSystem<N> jacobi_eigen(Eigen::Matrix<float, N, N> A) {
-  constexpr int kSweeps = 8;  // convergence is quadratic: five are enough for N = 8 in float32
+  constexpr int kSweeps = 8;  // sweeps; convergence is quadratic, and five are enough for N = 8 in float32
   EigenSystem<N> result;
   Eigen::Matrix<float, N, N>& V = result.vectors;
   V.setIdentity();
@@ -61,8 +66,8 @@ EigenSystem<N> jacobi_eigen(Eigen::Matrix<float, N, N> A) {
   return result;
 }
 
-// Turns n (and t with it) so that the plane lies in front of the first camera at every point; false when neither
-// orientation does. Without points: towards n.z > 0.
+// Chooses the sign of n (and of t with it) so that the plane lies in front of the first camera at every point. False
+// when neither sign does. Without points, n.z >= 0.
 bool orient(std::span<const Vector2f> points, Vector3f* n, Vector3f* t) {
   bool all_in_front = true;
   bool all_behind = true;
@@ -78,6 +83,7 @@ bool orient(std::span<const Vector2f> points, Vector3f* n, Vector3f* t) {
   return all_behind;
 }
 
+// Total order of normals, for Decomposition::solutions.
 bool comes_first(const Vector3f& a, const Vector3f& b) {
   if (a.z() != b.z()) return a.z() > b.z();
   if (a.x() != b.x()) return a.x() > b.x();
@@ -97,7 +103,7 @@ Matrix2f homography_point_jacobian(const Matrix3f& H, const Vector2f& x) {
   return (H.topLeftCorner<2, 2>() - y * H.block<1, 2>(2, 0)) / w.z();
 }
 
-// Generator G moves (y, 1) by G (y, 1) = (a, b): the projection moves by a - y b.
+// Generator G moves (y, 1) by G (y, 1) = (a, b), a two components, b the third: the projection moves by a - y b.
 Eigen::Matrix<float, 2, 8> homography_sl3_jacobian(const Vector2f& y) {
   const float u = y.x();
   const float v = y.y();
@@ -107,9 +113,9 @@ Eigen::Matrix<float, 2, 8> homography_sl3_jacobian(const Vector2f& y) {
   return J;
 }
 
-// With H scaled so that its middle singular value is 1 and the plane is in front of both cameras, det H > 0 (the ratio
-// of the plane's distances from the two cameras) and H = U diag(d1, 1, d3) V^T with det U = det V. The four of the
-// eight solutions that belong to the opposite sign of d' see the plane from opposite sides and never arise. In the
+// H is scaled so that its middle singular value is 1. With the plane in front of both cameras det H > 0 (it is the
+// ratio of the plane's distances from the two cameras), and H = U diag(d1, 1, d3) V^T with det U = det V. Of Faugeras
+// and Lustman's eight solutions the four for d' < 0 see the plane from opposite sides; they do not arise here. In the
 // frame of U and V, diag = R' + t' n'^T with
 //   n' = (x1, 0, x3), x1^2 = (d1^2 - 1) / (d1^2 - d3^2), x3^2 = (1 - d3^2) / (d1^2 - d3^2),
 //   t' = (d1 - d3) (x1, 0, -x3),  R' about the second axis: sin = (d1 - d3) x1 x3, cos = (1 + d1 d3) / (d1 + d3),
@@ -120,11 +126,11 @@ Decomposition decompose_homography(const Matrix3f& H, std::span<const Vector2f> 
   for (int i = 0; i < 3; ++i) {
     for (int j = 0; j < 3; ++j) {
       const float magnitude = std::fabs(H(i, j));
-      if (!(magnitude <= 1e30f)) return result;  // NaN or infinite
+      if (!(magnitude <= kMaxElement)) return result;  // NaN and infinite too
       if (magnitude > largest) largest = magnitude;
     }
   }
-  if (!(largest > 1e-30f)) return result;
+  if (!(largest > kMinElement)) return result;
   Matrix3f G = H / largest;
 
   const float determinant = G.col(0).dot(G.col(1).cross(G.col(2)));
@@ -172,7 +178,7 @@ Decomposition decompose_homography(const Matrix3f& H, std::span<const Vector2f> 
   const float x3 = std::sqrt(below / (above + below));
   const float sine = (d1 - d3) * x1 * x3;
   const float cosine = (1.0f + d1 * d3) / (d1 + d3);
-  const int candidates = above > 0.0f && below > 0.0f ? 2 : 1;  // with two equal singular values both coincide
+  const int candidates = above > 0.0f && below > 0.0f ? 2 : 1;  // with two equal singular values the two coincide
   for (int i = 0; i < candidates; ++i) {
     const float sign = i == 0 ? 1.0f : -1.0f;
     Matrix3f R;
@@ -198,7 +204,7 @@ DecompositionQuality decomposition_quality(const PlaneMotion& motion, std::span<
   DecompositionQuality quality;
   const Vector3f& n = motion.n_1;
   const Vector3f& t = motion.T_21.t;
-  int axis = 0;  // the one that n is farthest from
+  int axis = 0;  // the coordinate axis most nearly perpendicular to n
   if (std::fabs(n(1)) < std::fabs(n(axis))) axis = 1;
   if (std::fabs(n(2)) < std::fabs(n(axis))) axis = 2;
   Vector3f tangent_1 = n.cross(Vector3f(Vector3f::Unit(axis)));
@@ -237,9 +243,9 @@ DecompositionQuality decomposition_quality(const PlaneMotion& motion, std::span<
     if (!(eigen.values(i) >= smallest)) smallest = eigen.values(i);
     if (eigen.values(i) > greatest) greatest = eigen.values(i);
   }
-  if (!(smallest > 0.0f) || !(greatest <= 1e30f)) return quality;
+  if (!(smallest > 0.0f) || !(greatest <= kMaxElement)) return quality;
 
-  float c11 = 0.0f;  // covariance of the normal's two tangents, for sigma = 1
+  float c11 = 0.0f;  // covariance of the normal along its two tangents, radians^2, for sigma = 1
   float c12 = 0.0f;
   float c22 = 0.0f;
   for (int i = 0; i < 8; ++i) {
@@ -259,14 +265,15 @@ DecompositionQuality decomposition_quality(const PlaneMotion& motion, std::span<
 
 namespace {
 
+// Robust fit of a homography, for RobustFit.
 struct SlFit {
   static constexpr int kUnknowns = 8;
-  static constexpr int kMaxIterations = 10;
-  static constexpr int kMinInliers = 14;
-  static constexpr float kMinDepth = 0.1f;    // homogeneous coordinate of a point that H can still be judged by
-  static constexpr float kMinPivot = 1e-6f;   // ten times float32's rounding
-  static constexpr float kMaxStep = 1.0f;     // of a parameter of order 1: more comes from garbage
-  static constexpr float kConverged = 1e-5f;  // 0.004 px on the phone
+  static constexpr int kMaxIterations = 10;   // as many as the pose update's in [ptam 5.4]; not swept
+  static constexpr int kMinInliers = 14;      // points: 28 equations for 8 unknowns; not swept
+  static constexpr float kMinDepth = 0.1f;    // third homogeneous coordinate of a point that is used; not swept
+  static constexpr float kMinPivot = 1e-6f;   // ratio (NormalEquations), ten times float32's rounding; not swept
+  static constexpr float kMaxStep = 1.0f;     // norm of a step, whose parameters are of order 1; not swept
+  static constexpr float kConverged = 1e-5f;  // norm of a step: 0.004 px on the phone
 
   std::span<const Correspondence> correspondences;
   std::span<float> weights, squared;

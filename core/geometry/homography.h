@@ -1,4 +1,4 @@
-// Homographies of a plane between two views: estimation, decomposition, and how well they constrain the plane.
+// Homographies that a plane induces between two views: fit, decomposition, and how well they constrain the plane.
 //
 // Convention: plane n_1 . p_1 = d in the first camera's frame (n_1 unit, d > 0, towards the plane: n_1.z > 0 for a
 // visible one), T_21 = (R, t) takes first-camera to second-camera coordinates. Normalised image points: x_2 ~ H x_1
@@ -19,25 +19,26 @@ struct Correspondence {
   Vector2f x2 = Vector2f::Zero();
 };
 
-// Applies H to a normalised point. The third homogeneous coordinate must be positive (see homography_depth).
+// Maps normalised point x by H. homography_depth(H, x) must be positive.
 Vector2f apply_homography(const Matrix3f& H, const Vector2f& x);
+// Third homogeneous coordinate of H (x, 1).
 inline float homography_depth(const Matrix3f& H, const Vector2f& x) {
   return H(2, 0) * x.x() + H(2, 1) * x.y() + H(2, 2);
 }
 // d(H x)/d(x), 2x2, at normalised point x.
 Matrix2f homography_point_jacobian(const Matrix3f& H, const Vector2f& x);
-// d(exp(e) H x)/d(e) at e = 0, 2x8, where y = apply_homography(H, x) (generators as in sl3_exp).
+// d(exp(e) H x)/d(e) at e = 0, 2x8, in terms of y = apply_homography(H, x). Generators are those of sl3_exp.
 Eigen::Matrix<float, 2, 8> homography_sl3_jacobian(const Vector2f& y);
 
 struct HomographyFit {
   Matrix3f H = Matrix3f::Identity();  // determinant 1
   float sigma = 0;                    // robust scale: 1-sigma of a coordinate, in units of expected_sigma
-  int iterations = 0;                 // made: what the work meter charges
-  bool ok = false;                    // at least 14 inliers, and all of the eight directions seen
+  int iterations = 0;                 // iterations made; the work meter charges them
+  bool ok = false;                    // at least 14 inliers that constrain all eight parameters
 };
 // Robust fit of H to x_2 ~ H x_1 by Gauss-Newton with left-multiplied sl(3) updates, from H_start [phone 5.1].
-// expected_sigma: of a coordinate of x_2, normalised units. weights: final Tukey weight of each correspondence.
-// scratch: as long as these.
+// expected_sigma: standard deviation of a coordinate of x_2, normalised units. weights (output): final Tukey weight of
+// each correspondence, 0 for outliers. weights and scratch must be as long as correspondences.
 HomographyFit fit_homography(std::span<const Correspondence> correspondences, const Matrix3f& H_start,
                              float expected_sigma, std::span<float> weights, std::span<float> scratch);
 
@@ -48,24 +49,27 @@ struct PlaneMotion {
 
 struct Decomposition {
   int count = 0;                  // 0, 1 or 2 solutions left after the visibility test
-  PlaneMotion solutions[2];       // ordered by a total order that does not depend on rounding: larger n_1.z first
+  PlaneMotion solutions[2];       // larger n_1.z first: a total order, so that every target gives the same one
   float singular_values[3] = {};  // descending, scaled so that the middle one is 1
-  // d1 and d3 equal within rotation_tolerance: one solution, the nearest rotation with t = 0; its n_1 means nothing.
+  // d1 and d3 are equal within rotation_tolerance. The only solution is then the nearest rotation with t = 0; its n_1
+  // is meaningless.
   bool pure_rotation = false;
 };
 
-// Decomposes H (any scale and sign). points: first-view points used for visibility: the plane must lie in front of both
-// cameras at every one (n_1 . x_1 > 0); without any, n_1.z >= 0 instead. rotation_tolerance: d1/d3 - 1 below which H is
-// called a pure rotation. count is 0 when H is not finite, singular, or not a view of the plane's one side.
+// Decomposes H (any scale and sign) by Faugeras and Lustman. points: normalised points of the first view for the
+// visibility test: the plane must lie in front of both cameras at each of them (n_1 . x_1 > 0). Without points, the
+// sign with n_1.z >= 0 is taken. rotation_tolerance: d1/d3 - 1 below which H is called a pure rotation. count is 0 when
+// H is not finite, is singular, or sees the plane's two sides.
 Decomposition decompose_homography(const Matrix3f& H, std::span<const Vector2f> points, float rotation_tolerance);
 
 struct DecompositionQuality {
   float eigenvalue_ratio = 0;  // min/max eigenvalue of the 8x8 information matrix [phone 5.1]
-  float sigma_n_rad = 3.14f;   // standard deviation of the plane's normal, worst direction, radians
+  float sigma_n_rad = 3.14f;   // standard deviation of the plane's normal, worst direction, radians; pi: unknown
 };
 
-// Information of the 8 parameters (rotation, translation t/d, normal) from the points' projections into the second
-// view, each with isotropic noise sigma (normalised units).
+// From the information matrix of the 8 parameters (3 rotation, 3 translation t/d, 2 normal), given the points'
+// projections into the second view. points: first view. sigma: isotropic noise of a projection, both in normalised
+// units.
 DecompositionQuality decomposition_quality(const PlaneMotion& motion, std::span<const Vector2f> points, float sigma);
 
 }  // namespace pptam

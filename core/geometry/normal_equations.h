@@ -1,11 +1,11 @@
-// Robust Gauss-Newton, for every fit of a few unknowns: the camera's pose, a homography, a relative pose, the
-// full-frame rotation. (Bundle adjustment has thousands of unknowns and an engine of its own.)
+// Robust Gauss-Newton for every fit of a few unknowns: camera pose, homography, relative pose, full-frame rotation.
+// (Bundle adjustment has thousands of unknowns and its own engine.)
 //
-//   NormalEquations  sums of w J^T J and w J^T e, scaled to a unit diagonal, L D L^T with a test of the pivots
+//   NormalEquations  sums of w J^T J and w J^T e, scaled to a unit diagonal; L D L^T with a test of the pivots
 //   RobustFit        the loop:  errors ─▶ scale ─▶ weights and sums ─▶ step ─▶ errors ...
 //
-// Nothing here knows what is being fitted. float32; sums in the order of the residuals; no pivoting, so that every
-// target and compiler gives the same bits.
+// Independent of what is fitted. float32, sums in the order of the residuals, no pivoting: every target and compiler
+// gives the same bits.
 #pragma once
 
 #include <cmath>
@@ -13,7 +13,7 @@
 
 namespace pptam {
 
-// A x = b, A = sum w J^T J symmetric positive definite, b = sum w J^T e, of up to N unknowns.
+// Solves A x = b for up to N unknowns: A = sum w J^T J, symmetric positive definite, b = sum w J^T e.
 template <int N>
 class NormalEquations {
  public:
@@ -24,7 +24,7 @@ class NormalEquations {
       b_[i] = 0;
     }
   }
-  // A component of a residual: e measured minus predicted, J the prediction's derivative, w its weight.
+  // Adds one component of a residual: e is measured minus predicted, J the prediction's derivative, w the weight.
   void add(const float (&J)[N], float e, float w) {
     for (int i = 0; i < N; ++i) {
       const float wJ = w * J[i];
@@ -35,8 +35,9 @@ class NormalEquations {
   float& A(int i, int j) { return A_[i][j]; }  // j <= i
   float& b(int i) { return b_[i]; }
 
-  // Solves into x. min_pivot: smallest pivot of the system scaled to a unit diagonal, in (0, 1): less is a direction
-  // that the residuals do not see. False, x undefined, when there is one, or the solution is not finite. Overwrites A.
+  // Solves into x, overwriting A. min_pivot: smallest pivot accepted of the system scaled to a unit diagonal, a ratio
+  // in (0, 1); a smaller one means a direction that the residuals do not constrain. False, x undefined, when a pivot is
+  // too small or the solution is not finite.
   bool solve(float min_pivot, float* x) {
     if (!scale() || !factorise(min_pivot)) return false;
     for (int i = 0; i < unknowns_; ++i) x[i] = b_[i] * unit_[i];
@@ -49,20 +50,20 @@ class NormalEquations {
     return finite;
   }
 
-  // After solve(). Column i of the inverse of the lower right block from unknown `first` on, others taken as given to
-  // be found: covariance of these unknowns for weights of 1 / variance, those before `first` marginalised. column[j]
-  // is of unknown j.
+  // After solve(): column i of A^-1, rows from unknown `first` on, i >= first. With weights of 1 / variance this is the
+  // covariance of these unknowns, those before `first` marginalised. column[j] belongs to unknown j.
   void covariance_column(int i, int first, float* column) const {
     for (int j = first; j < unknowns_; ++j) column[j] = 0;
     column[i] = 1;
     substitute(column, first);
     for (int j = first; j < unknowns_; ++j) column[j] *= unit_[i] * unit_[j];
   }
-  // After solve(): what the residuals tell of unknown i when those before it are unknown too, in its own units.
+  // After solve(): information on unknown i, in 1 / its unit^2, with the unknowns before it marginalised and those
+  // after it held fixed.
   float information(int i) const { return D_[i] / (unit_[i] * unit_[i]); }
 
  private:
-  // Keeps the system within float32, and makes the pivots tell its conditioning.
+  // Scales A to a unit diagonal: keeps it within float32's range, and makes the pivots measure its conditioning.
   bool scale() {
     for (int i = 0; i < unknowns_; ++i) {
       if (!(A_[i][i] > 0)) return false;
@@ -74,7 +75,7 @@ class NormalEquations {
     }
     return true;
   }
-  // A = L D L^T in place: L below the diagonal.
+  // Factorises A = L D L^T in place, with L below the diagonal.
   bool factorise(float min_pivot) {
     for (int j = 0; j < unknowns_; ++j) {
       float scaled[N];  // L(j, k) D(k)
@@ -93,7 +94,7 @@ class NormalEquations {
     }
     return true;
   }
-  // Of the unknowns from `first` on alone.
+  // Solves L D L^T y = x for the block of the unknowns from `first` on; y replaces x.
   void substitute(float* x, int first) const {
     for (int i = first; i < unknowns_; ++i)
       for (int k = first; k < i; ++k) x[i] -= A_[i][k] * x[k];
@@ -106,28 +107,28 @@ class NormalEquations {
   float A_[N][N];
   float b_[N];
   float D_[N];
-  float unit_[N];
+  float unit_[N];  // scale of each unknown, 1 / sqrt of A's diagonal
 };
 
 enum class FitStep : uint8_t {
-  kAgain,      // the state has moved: once more
-  kConverged,  // it is where it should be
+  kAgain,      // the state has moved: another iteration is needed
+  kConverged,  // the fit is finished
   kFailed
 };
 
-// The loop, in pieces that a background job may pause between. Problem has
-//   bool errors(int iteration)        the residuals at the state; false: too few
-//   void scale()                      their robust scale, and clears the sums
-//   int residuals() const             what sum() counts by
-//   void sum(int from, int to)        weights these residuals and adds them to the sums
+// The reweighted loop, in pieces between which a background job may pause. Problem has
+//   bool errors(int iteration)        computes the residuals at the present state; false: too few
+//   void scale()                      computes their robust scale and clears the sums
+//   int residuals() const             number of residuals (or groups of them) that sum() is called for
+//   void sum(int from, int to)        weights the residuals from..to-1 and adds them to the sums
 //   FitStep step(int iteration)       solves, bounds the step and moves the state
-// iteration counts from 0.
+// iteration counts from 0. The loop ends with what step() returns: Problem bounds the number of iterations.
 template <class Problem>
 class RobustFit {
  public:
   enum class Piece : uint8_t { kErrors, kScale, kSums, kStep, kEnd };
 
-  // at_once: residuals summed in one piece.
+  // at_once: largest number of residuals summed in one piece.
   void start(int at_once) {
     next_ = Piece::kErrors;
     iteration_ = summed_ = 0;
@@ -155,7 +156,7 @@ class RobustFit {
         summed_ = end;
         if (end == all) next_ = Piece::kStep;
         if (end < all) break;
-        [[fallthrough]];  // the step is short
+        [[fallthrough]];  // the step is short enough for the same piece
       }
       case Piece::kStep: {
         const FitStep outcome = problem.step(iteration_++);

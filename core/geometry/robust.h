@@ -1,7 +1,7 @@
-// The Tukey biweight and its scale [ptam 5.4], for residuals of one component or two.
+// The Tukey biweight and its robust scale [ptam 5.4], for residuals of one or two components.
 //
-// e2 is a residual's squared norm, in units of its expected sigma: for image points errors divided by their level's
-// sigma, for edges distances along the normal.
+// e2 is a residual's squared norm, after division by its expected sigma: that of the pyramid level for image points.
+// Edges have one component, the distance along the normal.
 #pragma once
 
 #include <algorithm>
@@ -10,16 +10,21 @@
 
 namespace pptam {
 
-// Cut-off in units of sigma: 95 % efficient for Gaussian residuals of two components.
+// Cut-offs in units of sigma, for 95 % efficiency with Gaussian residuals: of two components, and of one. The
+// textbook's 4.685 is 92.9 % efficient in two dimensions.
 constexpr float kTukeyCutoff = 5.12f;
-// The same for residuals of one component.
 constexpr float kTukeyCutoff1d = 4.685f;
 
-// Smallest scale that residuals may show, in units of their level's sigma (2^level px): no less than what sub-pixel
-// refinement adds (0.02 to 0.12 by contrast, tests/kernels), so that a few perfect points do not reject all others.
+// Floor of the robust scale, in units of the level's sigma (2^level px). Above the noise of sub-pixel refinement, which
+// is 0.02 to 0.12 depending on contrast (tests/kernels), so that a few perfect points do not reject all others.
 constexpr float kRobustSigmaFloor = 0.15f;
 
-// Median of the values, the larger of the two in the middle; reorders them. 0 when empty.
+// Ratio of a Gaussian residual's median norm to sigma, two components: sqrt(2 ln 2).
+constexpr float kMedianOverSigma = 1.1774f;
+// Ratio of sigma to a Gaussian residual's median magnitude, one component: 1 / 0.6745.
+constexpr float kSigmaOverMedian1d = 1.4826f;
+
+// Median of the values (of an even number, the larger of the two in the middle). Reorders values. 0 when empty.
 inline float median_of(std::span<float> values) {
   if (values.empty()) return 0.0f;
   auto middle = values.begin() + static_cast<long>(values.size() / 2);
@@ -27,16 +32,16 @@ inline float median_of(std::span<float> values) {
   return *middle;
 }
 
-// sigma of a component from the median of squared norms. Two components: median(|e|^2) = 2 ln 2 sigma^2,
-// sqrt(2 ln 2) = 1.1774; one: median(|e|) = 0.6745 sigma. Reorders values. 0 when empty.
+// Robust sigma of a component from the squared norms of residuals of two components (robust_sigma) or of one
+// (robust_sigma_1d). Reorders values. 0 when empty.
 inline float robust_sigma(std::span<float> squared_norms) {
-  return std::sqrt(median_of(squared_norms)) / 1.1774f;
+  return std::sqrt(median_of(squared_norms)) / kMedianOverSigma;
 }
 inline float robust_sigma_1d(std::span<float> squared_norms) {
-  return std::sqrt(median_of(squared_norms)) * 1.4826f;
+  return std::sqrt(median_of(squared_norms)) * kSigmaOverMedian1d;
 }
 
-// The biweight at one scale.
+// The biweight for one sigma and cut-off.
 class Tukey {
  public:
   explicit Tukey(float sigma, float cutoff = kTukeyCutoff) : cutoff_sq_(cutoff * cutoff * sigma * sigma) {}
@@ -46,7 +51,7 @@ class Tukey {
     const float a = 1.0f - e2 / cutoff_sq_;
     return a * a;
   }
-  // Objective c2/6 (1 - (1 - e2/c2)^3), saturating at c2/6; its derivative with respect to e2 is half the weight.
+  // Objective c2/6 (1 - (1 - e2/c2)^3) within the cut-off, c2/6 outside. Its derivative by e2 is half the weight.
   float cost(float e2) const {
     if (!(e2 < cutoff_sq_)) return saturated();
     const float a = 1.0f - e2 / cutoff_sq_;

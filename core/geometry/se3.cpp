@@ -6,10 +6,11 @@
 namespace pptam {
 namespace {
 
-// Below this angle (radians, squared) the coefficients come from two terms of their series: the third is under 1e-9.
+// Radians^2. Below this squared angle the coefficients come from two terms of their series: the third is under 1e-9.
 constexpr float kSmallAngleSq = 1e-4f;
 
-// exp(hat(w)) = I + a hat(w) + b hat(w)^2;  V = I + b hat(w) + c hat(w)^2 takes the tangent's translation to T.t.
+// Coefficients of exp(hat(w)) = I + a hat(w) + b hat(w)^2 and of V = I + b hat(w) + c hat(w)^2, which takes the
+// translation part of mu to T.t.
 struct RodriguesCoefficients {
   float a;  // sin(angle) / angle
   float b;  // (1 - cos(angle)) / angle^2
@@ -22,7 +23,7 @@ RodriguesCoefficients rodrigues(float angle_sq) {
   }
   const float angle = std::sqrt(angle_sq);
   const float sine = det_sin(angle);
-  const float half_sine = det_sin(0.5f * angle) / angle;  // 1 - cos = 2 sin^2(angle/2) does not cancel
+  const float half_sine = det_sin(0.5f * angle) / angle;  // 1 - cos = 2 sin^2(angle/2) avoids cancellation
   return {sine / angle, 2.0f * half_sine * half_sine, (angle - sine) / (angle_sq * angle)};
 }
 
@@ -40,8 +41,8 @@ Matrix3f so3_exp(const Vector3f& omega) {
   return Matrix3f::Identity() + k.a * W + k.b * (W * W);
 }
 
-// Through the unit quaternion (w, v), taking the largest of its four components from the diagonal: no cancellation at
-// any angle. angle = 2 atan2(|v|, w), axis = v / |v|.
+// By way of the unit quaternion (w, v). The largest of its four components is taken from the diagonal, which avoids
+// cancellation at every angle. angle = 2 atan2(|v|, w), axis = v / |v|.
 Vector3f so3_log(const Matrix3f& R) {
   const float trace = R(0, 0) + R(1, 1) + R(2, 2);
   float w;
@@ -62,7 +63,7 @@ Vector3f so3_log(const Matrix3f& R) {
     v(j) = (R(j, i) + R(i, j)) / s;
     v(k) = (R(k, i) + R(i, k)) / s;
   }
-  if (w < 0.0f) {  // the same rotation, turned the short way
+  if (w < 0.0f) {  // (-w, -v) is the same rotation with an angle of at most pi
     w = -w;
     v = -v;
   }
@@ -119,15 +120,15 @@ Matrix3f sl3_algebra(const Vector8f& x) {
   return A;
 }
 
-// Scaling and squaring: exp(A) = exp(A / 2^s)^(2^s), eight terms of the series for the scaled one (norm at most 1/2:
-// the ninth is 1e-8 of the first).
+// Scaling and squaring: exp(A) = exp(A / 2^s)^(2^s).
 Matrix3f sl3_exp(const Vector8f& x) {
-  constexpr int kTerms = 8;
-  constexpr int kMaxSquarings = 12;
+  constexpr float kMaxScaledNorm = 0.5f;
+  constexpr int kTerms = 8;          // of the series, for a norm of at most 1/2: the ninth term is 1e-8 of the first
+  constexpr int kMaxSquarings = 12;  // bounds the loop; enough for a norm of 2048, far beyond any fit's step. Not swept
   Matrix3f A = sl3_algebra(x);
   float norm = std::sqrt(A.squaredNorm());
   int squarings = 0;
-  while (norm > 0.5f && squarings < kMaxSquarings) {
+  while (norm > kMaxScaledNorm && squarings < kMaxSquarings) {
     norm *= 0.5f;
     A *= 0.5f;
     ++squarings;

@@ -13,7 +13,11 @@ namespace pptam {
 // the size of image coordinates. It projects to (u, v) in the first view and, with w = R (u, v, 1) + q t, to w / w.z in
 // the second.
 bool triangulate(const SE3& T_21, const Vector2f& x1, const Vector2f& x2, float min_parallax_rad, Triangulated* out) {
-  constexpr int kSteps = 4;
+  constexpr int kSteps = 4;  // Gauss-Newton steps; not swept
+  // Inverse depths, 1 / |t|. Beyond a million baselines either way it is no measurement; this also rejects absurd image
+  // coordinates. Not swept.
+  constexpr float kMinInverseDepth = 1e-6f;
+  constexpr float kMaxInverseDepth = 1e6f;
   const float baseline = std::sqrt(T_21.t.dot(T_21.t));
   if (!(baseline > 0.0f)) return false;
   const Vector3f t = T_21.t / baseline;
@@ -61,8 +65,7 @@ bool triangulate(const SE3& T_21, const Vector2f& x1, const Vector2f& x2, float 
   }
   const float slope = std::sqrt(J_q.dot(J_q)) * baseline;
   const float z = baseline / q;
-  // Beyond a million baselines either way it is no measurement; this also catches absurd image coordinates.
-  if (!(q > 1e-6f) || !(q < 1e6f) || !(slope > 0.0f)) return false;
+  if (!(q > kMinInverseDepth) || !(q < kMaxInverseDepth) || !(slope > 0.0f)) return false;
   out->p_1 = Vector3f(u * z, v * z, z);
   out->parallax_rad = parallax;
   out->sigma_inverse_depth = 1.0f / slope;
@@ -71,13 +74,15 @@ bool triangulate(const SE3& T_21, const Vector2f& x1, const Vector2f& x2, float 
 
 namespace {
 
-constexpr float kMaxStep = 0.5f;         // radians: far from the minimum the linearisation is worthless
-constexpr float kConverged_rad = 1e-5f;  // step in rotation and direction: under 0.01 px at a focal length of 1000
-constexpr float kMinPivot = 1e-7f;       // float32's rounding: five unknowns are often barely known
-constexpr int kMinInliers = 8;
-constexpr float kMinGradient_sq = 1e-20f;  // of an epipolar distance, under which a point says nothing
+constexpr float kMaxStep = 0.5f;  // radians; longer steps are shortened, as the linearisation is local. Not swept
+constexpr float kConverged_rad = 1e-5f;  // radians of rotation and direction: 0.01 px at a focal length of 1000 px
+constexpr float kMinPivot = 1e-7f;  // ratio (NormalEquations): float32's rounding, as t is often barely constrained
+constexpr int kMinInliers = 8;      // points, for five unknowns; not swept
+constexpr float kMinGradientSq = 1e-20f;  // of x2^T E x1, below which the distance is taken as 0; not swept
+constexpr float kMaxAxisCosine = 0.7f;    // t's tangents are made from the x axis unless t is within 45 degrees of it
 
-// Depths of the midpoint between both rays have the same signs as those of the true point.
+// Whether the point lies in front of both cameras. The depths of the midpoint between both rays have the same signs as
+// those of the true point.
 bool in_front(const SE3& T_21, const Correspondence& c) {
   const Vector3f a = T_21.R * c.x1.homogeneous();
   const Vector3f b = c.x2.homogeneous();
@@ -87,7 +92,7 @@ bool in_front(const SE3& T_21, const Correspondence& c) {
   return det > 0 && ab * bt - bb * at > 0 && aa * bt - ab * at > 0;
 }
 
-// Rotation and the direction of the translation, from Sampson distances.
+// Robust fit of rotation and direction of translation to Sampson distances, for RobustFit.
 struct EpipolarFit {
   static constexpr int kUnknowns = 5;
   std::span<const Correspondence> correspondences;
@@ -106,24 +111,25 @@ struct EpipolarFit {
   float cost = 0;
   bool moved_little = false;
 
-  // *gradient: 1 / |d(x2^T E x1)/d(x)|, which makes it a distance.
-  float distance(const Correspondence& c, float* gradient) const {
+  // Sampson distance, signed. *inverse_gradient: 1 / |d(x2^T E x1)/d(x1, x2)|, by which the algebraic error becomes a
+  // distance; 0 where there is no gradient.
+  float distance(const Correspondence& c, float* inverse_gradient) const {
     const Vector3f l2 = E * c.x1.homogeneous();
     const Vector3f l1 = E.transpose() * c.x2.homogeneous();
     const float gradient_sq = l2.head<2>().squaredNorm() + l1.head<2>().squaredNorm();
-    *gradient = gradient_sq > kMinGradient_sq ? 1.0f / std::sqrt(gradient_sq) : 0.0f;
-    return c.x2.homogeneous().dot(l2) * *gradient;
+    *inverse_gradient = gradient_sq > kMinGradientSq ? 1.0f / std::sqrt(gradient_sq) : 0.0f;
+    return c.x2.homogeneous().dot(l2) * *inverse_gradient;
   }
 
   bool errors(int) {
     ++result.steps;
-    const Vector3f axis = std::abs(t.x()) < 0.7f ? Vector3f::UnitX() : Vector3f::UnitY();
+    const Vector3f axis = std::abs(t.x()) < kMaxAxisCosine ? Vector3f::UnitX() : Vector3f::UnitY();
     u = t.cross(axis).normalized();
     v = t.cross(u);
     E = hat(t) * R;
     for (size_t i = 0; i < correspondences.size(); ++i) {
-      float gradient;
-      const float e = distance(correspondences[i], &gradient);
+      float inverse_gradient;
+      const float e = distance(correspondences[i], &inverse_gradient);
       squared[i] = e * e;
     }
     return true;
@@ -139,18 +145,19 @@ struct EpipolarFit {
   void sum(int from, int to) {
     for (int i = from; i < to; ++i) {
       const Correspondence& c = correspondences[static_cast<size_t>(i)];
-      float gradient;
-      const float e = distance(c, &gradient);
+      float inverse_gradient;
+      const float e = distance(c, &inverse_gradient);
       const float weight = tukey.weight(e * e);
       cost += tukey.cost(e * e);
       if (weight == 0) continue;
       ++inliers;
-      // e = x2 . (t x a), a = R x1; de/dt = a x x2, de/dw = a x (x2 x t); the gradient's derivative is of second order.
+      // e = x2 . (t x a) with a = R x1: de/dt = a x x2, de/dw = a x (x2 x t). The derivative of the gradient is of
+      // second order.
       const Vector3f a = R * c.x1.homogeneous();
       const Vector3f x2 = c.x2.homogeneous();
-      const Vector3f de_dt = a.cross(x2) * gradient;
-      const Vector3f de_dw = a.cross(x2.cross(t)) * gradient;
-      // The distance is predicted, zero is measured.
+      const Vector3f de_dt = a.cross(x2) * inverse_gradient;
+      const Vector3f de_dw = a.cross(x2.cross(t)) * inverse_gradient;
+      // The predicted quantity is the distance; its measured value is zero.
       equations.add({de_dw.x(), de_dw.y(), de_dw.z(), de_dt.dot(u), de_dt.dot(v)}, -e, weight);
     }
   }
@@ -200,8 +207,8 @@ RelativePose refine_relative_pose(std::span<const Correspondence> correspondence
   RelativePose result = fit.result;
   int front = 0, behind = 0;
   for (const Correspondence& c : fit.correspondences) {
-    float gradient;
-    const float e = fit.distance(c, &gradient);
+    float inverse_gradient;
+    const float e = fit.distance(c, &inverse_gradient);
     if (!(fit.tukey.weight(e * e) > 0)) continue;
     front += in_front({fit.R, fit.t}, c);
     behind += in_front({fit.R, -fit.t}, c);

@@ -1,15 +1,16 @@
-// Where an image has points that can be found again in another: one kind is chosen by Config (Shi-Tomasi: corners.h).
+// Interface of corner detectors: points of an image that can be found again in another. Config chooses the detector
+// (Shi-Tomasi: corners.h).
 //
-// Corners come one after the other, so that a caller takes no more than it needs, in short pieces of work between which
-// it may pause:
+// Corners come one at a time, so that a caller takes only as many as it needs, and in short pieces of work between
+// which it may pause:
 //
 //   corners.start(pyramid);
 //   for (CornerProgress p; (p = corners.advance(&corner)) != CornerProgress::kEnd;)
 //     if (p == CornerProgress::kFound) ...
 //
-// The initialiser asks for those of a first view, the mapper for those of a keyframe; there is one corner source for
-// both, and start() drops what was being done. The pyramid must stay as it is until the last call. The source charges
-// the work meter for what it does.
+// The initialiser takes the corners of a first view, the mapper those of a keyframe. Both share one corner source:
+// start() drops a detection in progress. The pyramid must not change until the last call. The source charges its work
+// to the work meter.
 #pragma once
 
 #include <cstdint>
@@ -22,7 +23,7 @@ namespace pptam {
 struct Corner {
   int16_t x = 0;  // level-0 pixels
   int16_t y = 0;
-  float score = 0;  // by which one corner is better than another; its unit is the source's own
+  float score = 0;  // larger is better; the unit is the detector's own
 };
 
 enum class CornerProgress : uint8_t { kWorking, kFound, kEnd };
@@ -30,10 +31,11 @@ enum class CornerProgress : uint8_t { kWorking, kFound, kEnd };
 class CornerSource {
  public:
   virtual void start(const Pyramid& pyramid) = 0;
-  // The next piece of work; *corner is set with kFound. The order is fixed, and spreads corners over the image.
+  // Does the next piece of work. Sets *corner when it returns kFound. The order of corners is fixed and spreads them
+  // over the image.
   virtual CornerProgress advance(Corner* corner) = 0;
 
-  // Both for all that fit into out; returns their number.
+  // Runs start() and advance() until out is full or no corner is left; returns the number of corners.
   int detect(const Pyramid& pyramid, std::span<Corner> out) {
     start(pyramid);
     int count = 0;

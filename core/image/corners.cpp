@@ -9,14 +9,21 @@
 namespace pptam {
 namespace {
 
-constexpr int kRadiusL2 = 1;               // windows of 3x3 in L2,
-constexpr int kRadiusL1 = 2;               // 5x5 in L1
-constexpr int kRadiusL0 = 3;               // and 7x7 in L0
-constexpr int kMinBorder = kRadiusL0 + 2;  // the windows of a 3x3 neighbourhood and their gradients stay inside
-constexpr int kMinDistance = 6;            // between corners, level-0 pixels
+// Radii of the score's windows, pixels of each level: 3x3 in L2, 5x5 in L1, 7x7 in L0. Measured: see corners.h.
+constexpr int kRadiusL2 = 1;
+constexpr int kRadiusL1 = 2;
+constexpr int kRadiusL0 = 3;
+constexpr int kMinBorder = kRadiusL0 + 2;  // pixels: windows of a 3x3 neighbourhood and their gradients stay inside
+// Steps in one level. From 2 x kMinBorder on, five lead to 5 from the edge of L1, which is kMinBorder.
+constexpr int kMaxAscentSteps = 5;
+constexpr int kMinDistance = 6;  // between corners, level-0 pixels; not swept
+// Bound of the threshold on the smaller eigenvalue of a 3x3 window's sums, grey^2: more than the 9 x 255^2 that it
+// reaches; twice of it is within int32_t.
+constexpr float kMaxThreshold = 2e6f;
 
-// Integer gradients are I(x+1) - I(x-1), twice the central difference. |gradient| <= 255, so a sum of products over 49
-// pixels is at most 49 x 255^2 = 3.2e6: exact in int32_t and (below 2^24) in float, and so is the sum of two.
+// Scale from a sum of gradient products to the structure tensor, the mean over the window in grey^2/px^2. Integer
+// gradients are I(x+1) - I(x-1), twice the central difference. |gradient| <= 255, so a sum of products over 49 pixels
+// is at most 49 x 255^2 = 3.2e6: exact in int32_t and (below 2^24) in float, as is the sum of two.
 constexpr float tensor_scale(int radius) {
   return 1.0f / static_cast<float>(4 * (2 * radius + 1) * (2 * radius + 1));
 }
@@ -27,16 +34,16 @@ inline StructureTensor gradient_products(const uint8_t* px, int stride) {
   return {gx * gx, gx * gy, gy * gy};
 }
 
-// Twice the smaller eigenvalue is trace - root, root^2 = (xx - yy)^2 + 4 xy^2: all exact in int64_t.
-// Whether it exceeds limit, without taking the root.
+// Whether twice the smaller eigenvalue, trace - root, exceeds limit. root^2 = (xx - yy)^2 + 4 xy^2 is exact in int64_t,
+// so that no root is taken.
 inline bool twice_smaller_exceeds(const StructureTensor& sum, int32_t limit) {
   const int32_t excess = sum.xx + sum.yy - limit;
   if (excess <= 0) return false;
   const int32_t difference = sum.xx - sum.yy, twice_xy = 2 * sum.xy;
   return int64_t{excess} * excess > int64_t{difference} * difference + int64_t{twice_xy} * twice_xy;
 }
-// The root is at most 6.4e6 and rounded to 0.5: after scaling by tensor_scale(kRadiusL0) an error of 0.0013, to either
-// side of zero where the eigenvalue is zero.
+// Twice the smaller eigenvalue, rounded. The root is at most 6.4e6 and rounded to 0.5: after scaling by
+// tensor_scale(kRadiusL0) the error is 0.0013. An eigenvalue of zero may therefore come out slightly negative.
 [[gnu::always_inline]] inline float twice_smaller_eigenvalue(const StructureTensor& sum) {
   const auto difference = static_cast<float>(sum.xx - sum.yy);
   const auto twice_xy = static_cast<float>(2 * sum.xy);
@@ -58,8 +65,8 @@ void sum_row(const GreyView& image, int y, int first, int last, StructureTensor*
   }
 }
 
-// Greater than the neighbours before it in row-major order and not less than those after it: of a flat top exactly the
-// first pixel is taken.
+// Whether a score is greater than its neighbours before it in row-major order and not less than those after it: of
+// equal neighbours only the first is taken.
 bool is_maximum(const float* score, int stride) {
   const float s = *score;
   const float* above = score - stride;
@@ -68,12 +75,12 @@ bool is_maximum(const float* score, int stride) {
          s >= score[1] && s >= below[-1] && s >= below[0] && s >= below[1];
 }
 
-// Moves (x, y) to the best of its 3x3 neighbourhood until it is a maximum (the centre wins ties) or max_steps are made.
-// Returns the score there.
+// Moves (x, y), pixels of the image, to the best of its 3x3 neighbourhood until it is a maximum (the centre wins ties)
+// or max_steps are made. Returns the score there, grey^2/px^2.
 template <int kRadius>
 float ascend(const GreyView& image, int max_steps, int* x, int* y, int* steps) {
-  constexpr int kCentre = 4;
-  float twice = 0;  // of the centre: twice the smaller eigenvalue
+  constexpr int kCentre = 4;  // index in the 3x3 neighbourhood
+  float twice = 0;            // of the centre: twice the smaller eigenvalue
   for (int step = 0; step < max_steps; ++step) {
     StructureTensor sums[9];
     kernel::window_sums<kRadius>(image.row(*y) + *x, image.stride, sums);
@@ -108,18 +115,18 @@ float shi_tomasi_score(const GreyView& image, int x, int y) {
 CornerDetector::CornerDetector(Arena& arena, int width_l0, int height_l0)
     : score_(arena, (width_l0 >> 2) * (height_l0 >> 2)),
       rows_(arena, 3 * (width_l0 >> 2)),
+      // Maxima are never adjacent: there is at most one in each 2x2 block of L2.
       maxima_(arena, ((width_l0 >> 3) + 1) * ((height_l0 >> 3) + 1)),
       taken_(arena, ((width_l0 >> 3) + 1) * ((height_l0 >> 3) + 1)) {}
 
 void CornerDetector::start(const Pyramid& pyramid, const CornerParams& params) {
-  // Five steps cannot leave the part of L1 and L0 where neighbourhoods can be scored: see the start of the ascent.
-  PPTAM_ASSERT(params.max_ascent_steps >= 1 && params.max_ascent_steps <= 5);
+  PPTAM_ASSERT(params.max_ascent_steps >= 1 && params.max_ascent_steps <= kMaxAscentSteps);
   PPTAM_ASSERT(params.cells_x >= 1 && params.cells_y >= 1 && params.cells_x * params.cells_y <= kMaxCells);
   pyramid_ = pyramid;
   params_ = params;
   maxima_.clear();
   taken_.clear();
-  turn_.clear();
+  round_.clear();
   next_ = 0;
   scored_pixels_ = 0;
   ascent_steps_ = 0;
@@ -130,16 +137,16 @@ void CornerDetector::start(const Pyramid& pyramid, const CornerParams& params) {
   row_ = std::min(l2.width, l2.height) > 2 * border_ ? border_ - 1 : l2.height;
 }
 
-// Minimum eigenvalues of one row, for every pixel at least border - 1 inside, zero where they are below min_score: sums
-// along rows, kept for three rows, then down the columns. Then the maxima of the row before, which is border inside.
+// Scores every pixel of row row_ that is at least border_ - 1 inside; the score is zero below min_score. Window sums
+// are made along rows, kept for three rows, then down the columns. Then finds the maxima of the row before.
 void CornerDetector::score_row() {
   static_assert(kRadiusL2 == 1);
   const GreyView& l2 = pyramid_.level[2];
   const int y = row_++;
   const int first_x = border_ - 1, last_x = l2.width - border_;
   const float scale = 0.5f * tensor_scale(kRadiusL2);
-  const auto min_twice = static_cast<int32_t>(std::clamp(params_.min_score / scale, 0.0f, 4e6f));
-  const int32_t min_diagonal = min_twice / 2;  // neither eigenvalue exceeds xx or yy: that settles most pixels
+  const auto min_twice = static_cast<int32_t>(std::clamp(params_.min_score / scale, 0.0f, 2 * kMaxThreshold));
+  const int32_t min_diagonal = min_twice / 2;  // the smaller eigenvalue is at most min(xx, yy): rejects most pixels
   scored_pixels_ += l2.width;
 
   const auto sums_of = [&](int row) { return rows_.data() + row % 3 * l2.width; };
@@ -176,8 +183,8 @@ void CornerDetector::score_row() {
   }
 }
 
-// The best maximum left in each bucket, best first.
-void CornerDetector::order_turn() {
+// Fills round_ with the best maximum left in each bucket, best first.
+void CornerDetector::order_round() {
   int16_t best[kMaxCells];
   std::fill_n(best, kMaxCells, int16_t{-1});
   for (int i = 0; i < maxima_.size(); ++i) {
@@ -186,27 +193,28 @@ void CornerDetector::order_turn() {
     int16_t& leader = best[maximum.cell];
     if (leader < 0 || better(maximum, maxima_[leader])) leader = static_cast<int16_t>(i);
   }
-  turn_.clear();
+  round_.clear();
   next_ = 0;
   for (const int16_t i : best) {
     if (i < 0) continue;
     maxima_[i].cell = -1;
-    turn_.push_back(i);
+    round_.push_back(i);
   }
-  std::sort(turn_.begin(), turn_.end(), [&](int16_t a, int16_t b) { return better(maxima_[a], maxima_[b]); });
+  std::sort(round_.begin(), round_.end(), [&](int16_t a, int16_t b) { return better(maxima_[a], maxima_[b]); });
 }
 
-// Ascends to L0; false if the maximum is no corner there, or another has been found next to it.
+// Follows an L2 maximum to L1 and L0. False when it is below min_score there, or nearer than kMinDistance to a corner
+// already found.
 bool CornerDetector::follow(const Maximum& maximum, Corner* corner) {
   const int width = pyramid_.level[2].width;
-  // The middle of the L2 pixel is at 2 x + 0.5 in L1, as in to_level0(): start on the side with the greater score.
-  // Border: 2 x 5 - 5 steps = 5 in L1, more in L0.
+  // The centre of the L2 pixel lies at 2 x + 0.5 in L1, between two pixels: the one on the side of the greater L2 score
+  // is the start.
   const float* score = score_.data() + maximum.y * width + maximum.x;
   int x = 2 * maximum.x + (score[1] > score[-1] ? 1 : 0);
   int y = 2 * maximum.y + (score[width] > score[-width] ? 1 : 0);
   const float score_l1 = ascend<kRadiusL1>(pyramid_.level[1], params_.max_ascent_steps, &x, &y, &ascent_steps_);
   if (score_l1 < params_.min_score) return false;
-  x *= 2;  // rounded down, the other neighbours of the middle are within the first 3x3
+  x *= 2;  // rounded down: the first 3x3 neighbourhood holds all four pixels round the centre of the L1 pixel
   y *= 2;
   const float score_l0 = ascend<kRadiusL0>(pyramid_.level[0], params_.max_ascent_steps, &x, &y, &ascent_steps_);
   if (score_l0 < params_.min_score) return false;
@@ -227,11 +235,11 @@ CornerProgress CornerDetector::advance(Corner* corner) {
     score_row();
     return CornerProgress::kWorking;
   }
-  if (next_ == turn_.size()) {
-    order_turn();
-    return turn_.size() == 0 ? CornerProgress::kEnd : CornerProgress::kWorking;
+  if (next_ == round_.size()) {
+    order_round();
+    return round_.size() == 0 ? CornerProgress::kEnd : CornerProgress::kWorking;
   }
-  return follow(maxima_[turn_[next_++]], corner) ? CornerProgress::kFound : CornerProgress::kWorking;
+  return follow(maxima_[round_[next_++]], corner) ? CornerProgress::kFound : CornerProgress::kWorking;
 }
 
 int CornerDetector::detect(const Pyramid& pyramid, const CornerParams& params, std::span<Corner> out) {

@@ -1,50 +1,55 @@
 // The inner loops of pyramid, corner detection, patch search and refinement.
 //
-// Each stands here in plain C++, which is the specification and what compilers turn into NEON or SSE2 code, and once
-// more where a variant by hand pays (kernels_armv6.h, kernels_sse2.h). All variants give the same bits; a test compares
-// them. The callers use kernel::, the fastest that the target has.
+// Each is written here in plain C++. That is the specification, and compilers vectorise it for NEON or SSE2. Where it
+// is faster there is a second variant by hand (kernels_armv6.h, kernels_sse2.h). All variants give the same bits; a
+// test compares them. Callers use namespace kernel, which has the target's fastest variants.
 #pragma once
 
 #include <cstdint>
 
 namespace pptam {
 
-constexpr int kPatchSize = 8;                 // pixels
-constexpr int kPatchFramed = kPatchSize + 2;  // with one more pixel on every side
-constexpr int kPatchPitch = 12;               // row length of framed patches in int16_t: whole words
-constexpr int kSubpixels = 32;                // patches are sampled at multiples of 1/32 pixel
-constexpr int kSampleUnit = 8;                // samples are in 1/8 grey level
+constexpr int kPatchSize = 8;                 // pixels [ptam 5.3, phone 4]
+constexpr int kPatchFramed = kPatchSize + 2;  // pixels, with one more on every side for gradients
+constexpr int kPatchPitch = 12;               // int16_t in a row of a framed patch: the next multiple of a 64-bit word
+// Patches are sampled at multiples of 1/kSubpixels pixel, in units of 1/kSampleUnit grey level: the sums of RefineSums
+// then fit int32_t. Not swept.
+constexpr int kSubpixels = 32;
+constexpr int kSampleUnit = 8;
 
-// The 8x8 pixels of a template, made ready for comparing.
+// The 8x8 pixels of a template, prepared for zmssd_x64().
 struct PackedTemplate {
-  alignas(8) int16_t px[kPatchSize * kPatchSize];  // row by row; within a row as the kernel likes it
+  alignas(8) int16_t px[kPatchSize * kPatchSize];  // row by row; the order within a row depends on the variant
   int32_t sum_2_rows = 0;                          // sums of the first 2, 4 and 8 rows
   int32_t sum_4_rows = 0;
   int32_t sum = 0;
 };
 
-// The framed template's part in every iteration of the refinement.
+// What refine_sums() needs of the framed template; the same in all iterations of a refinement.
 struct RefineTemplate {
-  alignas(8) int16_t value[kPatchFramed * kPatchPitch];       // 1/8 grey level
-  alignas(8) int16_t curvature[kPatchSize * kPatchSize * 2];  // T_xx, T_yy of each pixel of the 8x8, in 1/8 grey level
+  alignas(8) int16_t value[kPatchFramed * kPatchPitch];       // in 1/kSampleUnit grey level
+  alignas(8) int16_t curvature[kPatchSize * kPatchSize * 2];  // T_xx, T_yy of each pixel of the 8x8, same unit
 };
 
-// Where and how the image is sampled for a refinement step.
+// Where and how refine_sums() samples the image.
 struct RefineSample {
-  const uint8_t* image;  // top-left of 11x11 pixels
-  int stride;
+  const uint8_t* image;        // top-left of 11x11 pixels
+  int stride;                  // bytes
   int32_t x_weight, y_weight;  // fraction of a pixel, 0..kSubpixels
-  int32_t x_blur, y_blur;      // image's less template's blur, -2^15..2^14 as 1 = 2^16
+  // Blur (see PatchTemplate::x_blur) of the image minus that of the template, units of 2^-16, range -2^15..2^14.
+  int32_t x_blur, y_blur;
 };
 
-// Sums over the 64 pixels of j = 32 (grad T + grad I) / 2, of e = 8 (T - I) and of their products. |j| <= 8 x 255 x 2 =
-// 4080; |e| <= 8 x 255 of the difference and 2 x 8 x 510 x 2^15 / 2^17 = 2040 of the blur: the sums stay below
-// 64 x 4080^2 = 1.07e9.
+// Sums over the 64 pixels of j = 32 (grad T + grad I) / 2, of e = 8 (T - I) and of their products. Ranges:
+//   |j| <= 8 x 255 x 2 = 4080
+//   |e| <= 8 x 255 = 2040 from the difference, and 2 x 8 x 510 x 2^15 / 2^17 = 2040 from the blur
+//   |sums| <= 64 x 4080^2 = 1.07e9
 struct RefineSums {
   int32_t xx = 0, xy = 0, yy = 0, xe = 0, ye = 0, ee = 0, x = 0, y = 0, e = 0;
 };
 
-// Sums of products of gradients I(x+1) - I(x-1), at most 255: over 7x7 pixels below 49 x 255^2 = 3.2e6.
+// Sums of products of the gradients I(x+1) - I(x-1), grey^2. |gradient| <= 255: a sum over 7x7 pixels is at most
+// 49 x 255^2 = 3.2e6.
 struct StructureTensor {
   int32_t xx, xy, yy;
   void operator+=(const StructureTensor& other) {
@@ -58,11 +63,12 @@ struct StructureTensor {
   }
 };
 
-constexpr uint32_t kRedWeight = 77, kGreenWeight = 150, kBlueWeight = 29;  // of 256
+// Luma weights 0.299, 0.587 and 0.114 of ITU-R BT.601, in 1/256; their sum is 256, so that grey stays grey.
+constexpr uint32_t kRedWeight = 77, kGreenWeight = 150, kBlueWeight = 29;
 
 namespace plain {
 
-// Four bytes a pixel to grey: (77 R + 150 G + 29 B + 128) >> 8. At most 256 x 255 + 128, within 16 bits.
+// BGRA, four bytes a pixel, to grey: (77 R + 150 G + 29 B + 128) >> 8. The sum is at most 256 x 255 + 128: 16 bits.
 inline void bgra_row(const uint8_t* src, uint8_t* out, int count) {
   for (int x = 0; x < count; ++x) {
     const auto blue = static_cast<uint16_t>(src[4 * x] * kBlueWeight);
@@ -78,8 +84,8 @@ inline void half_row(const uint8_t* upper, const uint8_t* lower, uint8_t* out, i
     out[x] = static_cast<uint8_t>((upper[2 * x] + upper[2 * x + 1] + lower[2 * x] + lower[2 * x + 1] + 2) >> 2);
 }
 
-// One component of the nine sums from the products at kSpan x kSpan pixels: down the columns for the three windows one
-// row apart, then along the rows.
+// One component of the nine window sums, from its products at kSpan x kSpan pixels. First sums down the columns, for
+// the three windows one row apart, then along the rows.
 template <int kSpan>
 inline void add_up_windows(const int32_t (&products)[kSpan][kSpan], int32_t StructureTensor::*component,
                            StructureTensor sums[9]) {
@@ -101,8 +107,8 @@ inline void add_up_windows(const int32_t (&products)[kSpan][kSpan], int32_t Stru
   }
 }
 
-// Over nine windows of (2 kRadius + 1)^2 pixels, whose centres are px and its eight neighbours, row-major. Reads
-// kRadius + 2 pixels to every side, and may read one more to the right.
+// Structure tensors of nine windows of (2 kRadius + 1)^2 pixels, whose centres are px and its eight neighbours, in
+// row-major order. Reads kRadius + 2 pixels to every side, and may read one more to the right.
 template <int kRadius>
 inline void window_sums(const uint8_t* px, int stride, StructureTensor sums[9]) {
   constexpr int kSpan = 2 * kRadius + 3;
@@ -121,7 +127,7 @@ inline void window_sums(const uint8_t* px, int stride, StructureTensor sums[9]) 
   add_up_windows<kSpan>(yy, &StructureTensor::yy, sums);
 }
 
-// framed: 10x10 pixels, row major.
+// Prepares a template for zmssd_x64(). framed: 10x10 pixels, row-major.
 inline void pack_template(const uint8_t* framed, PackedTemplate* packed) {
   int32_t sum = 0;
   for (int r = 0; r < kPatchSize; ++r) {
@@ -136,9 +142,10 @@ inline void pack_template(const uint8_t* framed, PackedTemplate* packed) {
   packed->sum = sum;
 }
 
-// With d = I - T over the 8x8 pixels at image: 64 sum d^2 - (sum d)^2, which is 64 times the zero-mean sum of squared
-// differences, at most 64^2 x 255^2 = 2.7e8. If that is not less than limit, any number not less than limit: the first
-// rows alone, about their own mean, differ by no more than all of them, so most places are given up after two or four.
+// 64 times the zero-mean sum of squared differences, 64 sum d^2 - (sum d)^2 with d = I - T over the 8x8 pixels at
+// image: grey^2, at most 64^2 x 255^2 = 2.7e8. When it is not below limit, any number >= limit may be returned instead:
+// the zero-mean sum of the first rows is never greater than that of all rows, so most candidates are rejected after two
+// or four rows.
 inline int32_t zmssd_x64(const uint8_t* image, int stride, const PackedTemplate& patch, int32_t limit) {
   int32_t squares = 0, sum = 0;
   const auto add_two_rows = [&](int r) {
@@ -161,6 +168,7 @@ inline int32_t zmssd_x64(const uint8_t* image, int stride, const PackedTemplate&
   return 64 * squares - sum * sum;
 }
 
+// Prepares a template for refine_sums(). framed: 10x10 pixels, row-major.
 inline void prepare_refinement(const uint8_t* framed, RefineTemplate* prepared) {
   for (int r = 0; r < kPatchFramed; ++r)
     for (int c = 0; c < kPatchFramed; ++c)
@@ -175,9 +183,9 @@ inline void prepare_refinement(const uint8_t* framed, RefineTemplate* prepared) 
   }
 }
 
-// One step of ESM [ptam 5.3, phone 4]: samples the framed patch from the image and sums. Bilinear, rounded down to 1/8
-// grey along each axis: what that takes from the mean is eliminated with it. The template is blurred by as much as the
-// sampling blurs the image more than it: T + (x_blur T_xx + y_blur T_yy) / 2.
+// One step of ESM [ptam 5.3, phone 4]: samples the framed patch from the image and makes the sums. Sampling is
+// bilinear, rounded down to 1/8 grey level along each axis; the bias of that is removed with the mean offset. Sampling
+// blurs the image: the template is blurred by the difference, T + (x_blur T_xx + y_blur T_yy) / 2.
 inline RefineSums refine_sums(const RefineSample& s, const RefineTemplate& T) {
   int16_t across[(kPatchFramed + 1) * kPatchPitch];  // interpolated along x, at most 32 x 255 / 4 = 2040
   for (int r = 0; r <= kPatchFramed; ++r) {
@@ -234,7 +242,7 @@ inline RefineSums refine_sums(const RefineSample& s, const RefineTemplate& T) {
 
 namespace pptam {
 #if defined(__ARM_FEATURE_SIMD32) && defined(__ARM_NEON)
-namespace kernel {  // 32-bit NEON: compilers do well with the plain loops, but for the small windows
+namespace kernel {  // 32-bit NEON: compilers vectorise the plain loops well, except window_sums
 using armv6::window_sums;
 using plain::bgra_row;
 using plain::half_row;

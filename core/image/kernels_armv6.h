@@ -1,8 +1,8 @@
-// The kernels for ARMv6 and later without NEON: its media instructions work on two 16-bit numbers in one register.
+// The kernels for ARMv6 and later without NEON. Media instructions work on two 16-bit numbers in one register.
 //
-// A pair is such a register, the lower number in bits 0-15. In natural order (c, c + 1) it is a word of an int16_t
-// array; a word of four pixels falls apart into the pairs (0, 2) and (1, 3). Words are read unaligned, as ARMv6 can.
-// Ranges are those of kernels.h; bits come out the same.
+// A pair is such a register, the lower number in bits 0-15. In natural order (c, c + 1) a pair is a word of an int16_t
+// array. A word of four pixels splits into the pairs (0, 2) and (1, 3). Words are read unaligned, which ARMv6 allows.
+// Ranges are those of kernels.h; the results have the same bits.
 #pragma once
 
 #include <arm_acle.h>
@@ -24,10 +24,10 @@ inline uint32_t load_word(const void* from) {
 inline void store_word(void* to, uint32_t word) {
   std::memcpy(to, &word, sizeof word);
 }
-inline uint32_t even_bytes(uint32_t word) {  // (0, 2); compilers make one instruction of it
+inline uint32_t even_bytes(uint32_t word) {  // bytes (0, 2); compilers make one instruction of it
   return word & 0x00ff00ffu;
 }
-inline uint32_t odd_bytes(uint32_t word) {  // (1, 3)
+inline uint32_t odd_bytes(uint32_t word) {  // bytes (1, 3)
   return (word >> 8) & 0x00ff00ffu;
 }
 inline uint32_t subtract(uint32_t a, uint32_t b) {
@@ -45,7 +45,7 @@ inline uint32_t upper_halves(uint32_t a, uint32_t b) {  // (a1, b1)
 inline int32_t add_products(uint32_t a, uint32_t b, int32_t sum) {  // sum + a0 b0 + a1 b1
   return __smlad(static_cast<int16x2_t>(a), static_cast<int16x2_t>(b), sum);
 }
-inline int32_t add_four(uint32_t word, int32_t sum) {  // of bytes
+inline int32_t add_four(uint32_t word, int32_t sum) {  // sum + the four bytes of word
   return static_cast<int32_t>(__usada8(word, 0, static_cast<uint32_t>(sum)));
 }
 inline int32_t add_lower_product(uint32_t a, uint32_t b, int32_t sum) {  // sum + a0 b0
@@ -54,20 +54,20 @@ inline int32_t add_lower_product(uint32_t a, uint32_t b, int32_t sum) {  // sum 
 inline int32_t add_upper_product(uint32_t a, uint32_t b, int32_t sum) {  // sum + a1 b1
   return __smlatt(static_cast<int32_t>(a), static_cast<int32_t>(b), sum);
 }
-constexpr uint32_t kOnes = 0x00010001u;
+constexpr uint32_t kOnes = 0x00010001u;  // the pair (1, 1)
 
-// 256 Y + 128 in the upper half of the word (256 x 255 + 128 < 2^16, so nothing is lost at the top). Red and blue share
-// one multiplication: (B + R 2^16) (77 + 29 2^16) has 77 R + 29 B in its upper half and 77 B < 2^16, which carries
-// nothing, in its lower half.
+// Gives 256 Y + 128 in the upper half of the word (256 x 255 + 128 < 2^16, so nothing is lost at the top). Red and blue
+// share one multiplication: (B + R 2^16) (77 + 29 2^16) has 77 R + 29 B in its upper half and 77 B < 2^16, which
+// carries nothing, in its lower half.
 inline uint32_t weigh_bgra(uint32_t pixel, uint32_t green_weight) {
   return even_bytes(pixel) * (kRedWeight + (kBlueWeight << 16)) + ((pixel & 0x0000ff00u) * green_weight + (128u << 16));
 }
 inline void bgra_row(const uint8_t* src, uint8_t* out, int count) {
-  // Volatile, or the compiler replaces the processor's multiply-add by four shifts and adds.
+  // Volatile, because the compiler would replace the multiply-add instruction by four shifts and adds.
   const volatile uint32_t weight = kGreenWeight << 8;
   const uint32_t green = weight;
   int x = 0;
-  for (; x + 4 <= count; x += 4) {  // four at a time: one store, and a quarter of the loop's own instructions
+  for (; x + 4 <= count; x += 4) {  // four pixels at a time: one store, a quarter of the loop overhead
     const uint32_t y0 = weigh_bgra(load_word(src + 4 * x), green), y1 = weigh_bgra(load_word(src + 4 * x + 4), green);
     const uint32_t y2 = weigh_bgra(load_word(src + 4 * x + 8), green),
                    y3 = weigh_bgra(load_word(src + 4 * x + 12), green);
@@ -92,19 +92,19 @@ inline void half_row(const uint8_t* upper, const uint8_t* lower, uint8_t* out, i
   plain::half_row(upper + 2 * x, lower + 2 * x, out + x, count - x);
 }
 
-// Gradients of one row of a neighbourhood in pairs: columns (0, 2) (1, 3) (4, 6) (5, 7), and column 8 in the lower
-// half.
+// Gradients of one row of a neighbourhood as pairs: columns (0, 2), (1, 3), (4, 6), (5, 7), and column 8 in the lower
+// half of the last.
 struct GradientRow {
   uint32_t a, b, c, d, e;
 };
 
-// Sums of products over columns 0.., 1.. and 2.. of 2 kRadius + 1 columns each.
+// Sums of products over the 2 kRadius + 1 columns from column 0, from 1 and from 2 on.
 template <int kRadius>
 [[gnu::always_inline]] inline void sum_products(const GradientRow& f, const GradientRow& g, int32_t out[3]) {
   if constexpr (kRadius == 3) {
     const int32_t c = add_products(f.c, g.c, 0);
     out[0] = add_products(f.a, g.a, add_products(f.b, g.b, add_lower_product(f.d, g.d, c)));
-    const int32_t acd = add_upper_product(f.a, g.a, add_products(f.d, g.d, c));  // of a only column 2
+    const int32_t acd = add_upper_product(f.a, g.a, add_products(f.d, g.d, c));  // column 2 is the upper half of a
     out[1] = add_products(f.b, g.b, acd);
     out[2] = add_upper_product(f.b, g.b, add_lower_product(f.e, g.e, acd));
   } else {
@@ -157,7 +157,7 @@ inline void window_sums(const uint8_t* px, int stride, StructureTensor sums[9]) 
   }
 }
 
-// Rows are (0, 2) (1, 3) (4, 6) (5, 7).
+// Rows are stored as the pairs (0, 2), (1, 3), (4, 6), (5, 7).
 inline void pack_template(const uint8_t* framed, PackedTemplate* packed) {
   int32_t sum = 0;
   for (int r = 0; r < kPatchSize; ++r) {
@@ -174,7 +174,7 @@ inline void pack_template(const uint8_t* framed, PackedTemplate* packed) {
   packed->sum = sum;
 }
 
-// The sums of two rows of eight pixels, of I and of (I - T)^2.
+// Adds I and (I - T)^2 over two rows of eight pixels.
 [[gnu::always_inline]] inline void add_two_rows(const uint8_t* image, int stride, const int16_t* T, int32_t* squares,
                                                 int32_t* image_sum) {
 #pragma GCC unroll 4
@@ -231,12 +231,14 @@ inline void prepare_refinement(const uint8_t* framed, RefineTemplate* prepared) 
 }
 
 inline RefineSums refine_sums(const RefineSample& s, const RefineTemplate& T) {
-  // Two pixels with one multiplication: a lane holds at most 32 x 255 here and 32 x 2040 below, under 2^16.
+  // One multiplication serves two pixels: a 16-bit lane holds at most 32 x 255 along x and 32 x 2040 along y, under
+  // 2^16.
   alignas(8) int16_t across[(kPatchFramed + 1) * kPatchPitch];
   {
     const auto left = static_cast<uint32_t>(kSubpixels - s.x_weight), right = static_cast<uint32_t>(s.x_weight);
-    const auto blend = [=](uint32_t a, uint32_t b) { return (a * left + b * right) >> 2; };  // of 16-bit lanes: mask it
-    constexpr uint32_t kMask = 0x3fff3fffu;
+    // The caller masks the result, because bits shift from one lane into the other.
+    const auto blend = [=](uint32_t a, uint32_t b) { return (a * left + b * right) >> 2; };
+    constexpr uint32_t kMask = 0x3fff3fffu;  // 14 bits of each lane: results after the shift
     const uint8_t* px = s.image;
     int16_t* out = across;
     for (int r = 0; r <= kPatchFramed; ++r, px += s.stride, out += kPatchPitch) {
@@ -272,7 +274,7 @@ inline RefineSums refine_sums(const RefineSample& s, const RefineTemplate& T) {
     }
   }
 
-  // In two passes, because the sums of one do not fit the registers.
+  // In two passes, because the nine sums do not fit the registers in one.
   int16_t errors[kPatchSize * kPatchSize];
   RefineSums sums;
   {
@@ -315,7 +317,7 @@ inline RefineSums refine_sums(const RefineSample& s, const RefineTemplate& T) {
     }
   }
   sums.xx = xx, sums.xy = xy, sums.yy = yy, sums.xe = xe, sums.ye = ye;
-  // Differences of neighbours add up to those of the ends.
+  // A sum of differences along a row or column leaves only the pixels at its ends.
   for (int i = 1; i <= kPatchSize; ++i) {
     const int16_t* row = both + i * kPatchPitch;
     sums.x += row[9] + row[8] - row[1] - row[0];

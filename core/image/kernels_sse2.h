@@ -1,4 +1,4 @@
-// The kernels for x86-64, where compilers do not find SSE2 code for the plain ones. Bits come out the same.
+// The kernels for x86-64, where compilers do not vectorise the plain ones well. The results have the same bits.
 #pragma once
 
 #include <emmintrin.h>
@@ -40,12 +40,13 @@ template <int kRadius>
 inline void window_sums(const uint8_t* px, int stride, StructureTensor sums[9]) {
   constexpr int kSpan = 2 * kRadius + 3, kLast = kSpan - 1;
   static_assert(kRadius == 2 || kRadius == 3);
-  // Of eight columns those of each window. Windows of 7 need columns 0..8: the third is taken from columns 1..8.
+  // Masks that select each window's columns out of eight. Three windows of 7 columns span columns 0..8, so the third is
+  // taken from columns 1..8.
   alignas(16) static constexpr int16_t kMask[3][8] = {
       {-1, -1, -1, -1, -1, kRadius == 3 ? -1 : 0, kRadius == 3 ? -1 : 0, 0},
       {0, -1, -1, -1, -1, -1, kRadius == 3 ? -1 : 0, kRadius == 3 ? -1 : 0},
       {0, kRadius == 3 ? -1 : 0, -1, -1, -1, -1, -1, kRadius == 3 ? -1 : 0}};
-  __m128i rows[3][3][kSpan];  // window, component, row: four partial sums each
+  __m128i rows[3][3][kSpan];  // by window, component and row: four partial sums
   const uint8_t* row = px - (kRadius + 1) * stride - kRadius - 1;
   for (int r = 0; r < kSpan; ++r, row += stride) {
     __m128i gx = _mm_sub_epi16(load_eight(row + 1), load_eight(row - 1));

@@ -13,25 +13,28 @@
 
 namespace pptam {
 
-constexpr float kPatchCentre = 3.5f;
-constexpr float kMaxSearchRadius = 32.0f;  // pixels; larger ones are cut to it: it bounds the time
+constexpr float kPatchCentre = 3.5f;       // pixels from the centre of the 8x8's first pixel, along each axis
+constexpr float kMaxSearchRadius = 32.0f;  // pixels; larger radii are reduced to it, to bound the time. Not swept
 
 struct PatchTemplate {
   uint8_t px[kPatchFramed * kPatchFramed] = {};  // row major; the 8x8 starts at (1, 1)
-  int32_t sum = 0;                               // over the 8x8
-  int32_t sum_sq = 0;
-  // Bilinear sampling a fraction f past a pixel adds f (1 - f) / 2 times the second difference: a blur. Its mean over
-  // the patch, f (1 - f) in 1/65536 along template columns and rows, for the refinement to allow for.
+  int32_t sum = 0;                               // of the 8x8 pixels
+  int32_t sum_sq = 0;                            // of their squares
+  // Bilinear sampling a fraction f past a pixel adds f (1 - f) / 2 times the second difference: a blur. These are the
+  // means of f (1 - f) over the patch, along x and y of the template, in units of 2^-16. The refinement allows for
+  // them.
   int32_t x_blur = 0;
   int32_t y_blur = 0;
-  // Zero-mean energy, sum_sq - sum^2 / 64, grey^2: below about 64 x 2^2 there is nothing to match but noise.
+  // Zero-mean energy, sum_sq - sum^2 / 64, grey^2. Below about 64 x 2^2 (2 grey levels rms) only noise would be
+  // matched.
   int32_t energy() const { return sum_sq - ((sum * sum) >> 6); }
 };
 
 // Samples the template from source, bilinearly in fixed point:
 //   source position = centre + J_src_tpl * ((i, j) - (3.5, 3.5)),  i, j = -1..8 (column, row of the framed template)
-// centre in source pixels, J_src_tpl in source pixels per template pixel. False, with out unchanged, if any sample
-// falls outside the source image.
+// centre in source pixels, J_src_tpl in source pixels per template pixel. False, with out unchanged, when a sample
+// falls outside the source image or an element of J_src_tpl is 64 or more. The source is at most 16384 pixels wide and
+// high.
 bool warp_patch(const GreyView& source, const Eigen::Vector2f& centre, const Eigen::Matrix2f& J_src_tpl,
                 PatchTemplate* out);
 
@@ -39,7 +42,7 @@ struct PatchHit {
   int x = 0;  // top-left pixel of the best 8x8
   int y = 0;
   int32_t zmssd = 0;   // zero-mean sum of squared differences over 64 pixels, grey^2
-  int candidates = 0;  // positions compared: what the work meter charges
+  int candidates = 0;  // positions compared; the work meter charges them
 };
 
 // Compares every integer position whose reference point lies within radius pixels of predicted (image pixels) and whose
@@ -51,14 +54,15 @@ bool search_patch(const GreyView& image, const PatchTemplate& patch, const Eigen
 struct RefinedPatch {
   Eigen::Vector2f position = Eigen::Vector2f::Zero();  // of the reference point, image pixels
   float residual = 0;                                  // rms difference after removing the mean, grey levels
-  // 2x2 information of the position for unit grey noise, sum of J J^T with the mean offset eliminated, grey^2 / px^2.
+  // Information matrix of the position for noise of 1 grey level: sum of J J^T with the mean offset eliminated,
+  // grey^2/px^2.
   Eigen::Matrix2f information = Eigen::Matrix2f::Zero();
-  int steps = 0;  // iterations made: what the work meter charges
+  int steps = 0;  // iterations made; the work meter charges them
 };
 
-// 2-DOF ESM translation with a mean offset, J = (grad T + grad I)/2, from the integer hit. Converges at 0.03 px (at
-// most max_steps, after which the position reached is returned). False when it drifts more than 1.5 px from the hit,
-// leaves the image, or the system is singular.
+// Sub-pixel refinement by 2-DOF ESM: translation and mean offset, J = (grad T + grad I)/2 [phone 4]. start: position of
+// the reference point, image pixels. Ends after a step below 0.03 px or after max_steps, with the position reached.
+// False when it moves more than 1.5 px from the start, leaves the image, or the normal equations are singular.
 bool refine_patch(const GreyView& image, const PatchTemplate& patch, const Eigen::Vector2f& start, int max_steps,
                   RefinedPatch* refined);
 

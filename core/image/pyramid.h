@@ -6,9 +6,9 @@
 
 namespace pptam {
 
-constexpr int kPyramidLevels = 5;
+constexpr int kPyramidLevels = 5;  // levels 0 to 4 [phone 3.1]
 
-// Level 0 may point into the camera's own buffer; levels 1 to 4 are owned by whoever made the pyramid.
+// Level 0 may point into the camera's buffer; levels 1 to 4 point into a PyramidStorage.
 struct Pyramid {
   GreyView level[kPyramidLevels];
 };
@@ -30,7 +30,8 @@ Pyramid build_pyramid(const GreyView& level0, const PyramidStorage& storage);
 // Copies a whole pyramid (level 0 included) into storage made with first_level = 0.
 Pyramid copy_pyramid(const Pyramid& source, const PyramidStorage& storage);
 
-// Level 4 of the pyramid with a 3x3 binomial blur [1 2 1]; edge pixels repeat. small has level 4's size.
+// Writes level 4, blurred by the 3x3 binomial kernel (1 2 1), into `small`, which has level 4's size. At the border the
+// edge pixels are repeated.
 void make_small_image(const Pyramid& pyramid, const GreyImage& small);
 
 }  // namespace pptam

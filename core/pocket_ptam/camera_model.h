@@ -30,27 +30,28 @@ struct CameraModel {
   // corner, or where the distortion folds over. Filled by prepare(); 0 = not prepared.
   float max_radius_sq = 0;
   float fov_gain = 0;  // 2 tan(w / 2), kFov only; filled by prepare()
-  // Computes the two above. Call once after filling the fields, before project() and unproject(); validate() must be
-  // ok.
+  // Computes max_radius_sq and fov_gain. Call once after filling the fields, before project() and unproject().
+  // validate() must be ok.
   void prepare();
 
-  // p_c in any unit, z > 0. False (outputs unchanged) behind the camera (z <= 1e-6 of its size) or beyond
-  // max_radius_sq. The pixel may lie outside the image.
+  // p_c: camera frame, any unit. False (outputs unchanged) behind the camera (z <= 0) or beyond max_radius_sq. The
+  // pixel (level 0) may lie outside the image.
   bool project(const Vector3f& p_c, Vector2f* px) const;
-  // The same with J = d(px)/d(p_c), 2x3, pixels per unit.
+  // Also gives the Jacobian d(px)/d(p_c), 2x3, pixels per unit of p_c. px has the same bits with and without it.
   bool project(const Vector3f& p_c, Vector2f* px, Matrix23f* J_px_p) const;
-  // Normalised image coordinates (x/z, y/z) of a pixel; at most ten Newton steps for the iterative models, accurate
-  // to 1e-3 px over the image (float32 rounding of the pixel itself is up to 1e-4 px). Far outside, where nothing
-  // projects, the nearest radius that does.
+  // Normalised image coordinates (x/z, y/z) of a level-0 pixel. The iterative models take at most ten Newton steps.
+  // Accurate to 1e-3 px over the image (float32 rounding of the pixel itself is up to 1e-4 px). Pixels so far outside
+  // that nothing projects there are moved to the largest radius that does.
   Vector2f unproject(const Vector2f& px) const;
 
+  // Whether level-0 pixel px is at least `border` pixels inside the outermost pixel centres.
   bool in_image(const Vector2f& px, float border) const {
     return px.x() >= border && px.y() >= border && px.x() <= static_cast<float>(width - 1) - border &&
            px.y() <= static_cast<float>(height - 1) - border;
   }
 };
 
-// When each line of the image is exposed, relative to the image's centre (which the timestamp means).
+// When each image line is exposed, relative to the frame's timestamp, which is the exposure of the image centre.
 struct RollingShutter {
   enum class Axis : uint8_t { kRows, kColumns };
   Axis axis = Axis::kRows;

@@ -1,5 +1,5 @@
-// Time, given from outside: nanoseconds from any origin. Frames carry whatever timestamps their source has, up to the
-// ends of int64_t, so times are added and subtracted with the two saturating functions below.
+// Time comes from outside, in nanoseconds from any origin. A frame's timestamp may be any int64_t, so times are added
+// and subtracted with saturated_sum() and saturated_difference().
 #pragma once
 
 #include <cstdint>
@@ -9,7 +9,7 @@
 
 namespace pptam {
 
-// a + b and a - b, the nearest end of int64_t where they leave it.
+// a + b and a - b; where the result does not fit, the nearest end of int64_t's range.
 constexpr int64_t saturated_sum(int64_t a, int64_t b) {
   if (b > 0 && a > std::numeric_limits<int64_t>::max() - b) return std::numeric_limits<int64_t>::max();
   if (b < 0 && a < std::numeric_limits<int64_t>::min() - b) return std::numeric_limits<int64_t>::min();
@@ -24,16 +24,16 @@ constexpr int64_t saturated_difference(int64_t a, int64_t b) {
 class Clock {
  public:
   virtual ~Clock() = default;
-  virtual int64_t now_ns() const = 0;  // never decreases, but by forget_since()
-  // Sleeps, or for a virtual clock jumps, to t_ns; past times return at once.
+  virtual int64_t now_ns() const = 0;  // never decreases, except by forget_since()
+  // Sleeps until t_ns; a virtual clock jumps there. Returns at once when t_ns is in the past.
   virtual void idle_until(int64_t t_ns) = 0;
-  // What was done since t_ns (a value of now_ns()) is not the device's work: reading and decoding a recording, drawing
-  // for a spectator. A clock that is driven by this computer's effort goes back to t_ns; others have nothing to do:
-  // real time cannot be given back, and modelled time never counted that work.
+  // Says that what was done since t_ns (a value of now_ns()) is not the device's work, such as decoding a recording or
+  // drawing an overlay. A clock that measures this computer's processing time goes back to t_ns. Other clocks do
+  // nothing: real time cannot go back, and modelled time has not counted that work.
   virtual void forget_since(int64_t /*t_ns*/) {}
 };
 
-// Time = modelled time of the work charged so far, plus the idle time skipped. A pure function of the run's input.
+// Time is the modelled time of the work charged so far plus the idle time skipped: a pure function of the run's input.
 class WorkClock final : public Clock {
  public:
   explicit WorkClock(const WorkMeter& meter) : meter_(meter) {}

@@ -1,4 +1,4 @@
-// Everything that can be set, and the parts that a profile is made of.
+// All settings, and the exchangeable parts that a profile names.
 #pragma once
 
 #include <pocket_ptam/camera.h>
@@ -15,9 +15,9 @@ class Map;
 class PointSource;  // mapping/point_source.h
 struct Config;
 
-// A profile names its parts by the functions that build them, so that what no profile names is not linked. Each builds
-// one part in the arena (Arena::create), which measures first: the part is null then, and what it would have been given
-// may be.
+// A profile names its parts by the functions that build them, so that parts which no profile names are not linked. Each
+// function builds one part in the arena (Arena::create). In an arena that only measures it returns null, and the
+// CornerSource argument may be null.
 using CreateCornerSource = CornerSource*(Arena&, const Config&, WorkMeter&);
 using CreateInitialiser = Initialiser*(Arena&, const Config&, WorkMeter&, CornerSource*);
 using CreatePointSource = PointSource*(Arena&, const Config&, Map&, WorkMeter&, Background&, CornerSource*);
@@ -26,51 +26,54 @@ using CreateKeyframeCulling = KeyframeCulling*(Arena&, const Config&, Map&, Work
 CreateCornerSource create_shi_tomasi_corners;     // multi-scale [phone 3.1]
 CreateInitialiser create_homography_initialiser;  // two-stage, from one tap [phone 5.1]
 CreatePointSource create_partial_points;          // inverse depth, frame by frame [phone 5.2]
-CreateKeyframeCulling create_usefulness_culling;  // by votes [phone 3.3]
+CreateKeyframeCulling create_usefulness_culling;  // keyframes are ranked by their points' votes [phone 3.3]
 
-// Everything that can be set, passed once. Capacities bound memory and time; a full one shows in
-// TrackResult::limits_hit.
+// All settings, passed once to System::create. Capacities (max_...) are counts that bound memory and time. A capacity
+// that was reached shows in TrackResult::limits_hit. "Not swept": no other value was measured.
 struct Config {
-  // Parts. A Config of the default constructor has none: begin with phone().
-  CreateCornerSource* corner_source = nullptr;  // one, for initialiser and point source
+  // Parts. The default constructor names none: begin with phone().
+  CreateCornerSource* corner_source = nullptr;  // shared by initialiser and point source
   CreateInitialiser* initialiser = nullptr;
   CreatePointSource* point_source = nullptr;
   CreateKeyframeCulling* culling = nullptr;
 
-  Camera camera;            // lens and shutter; camera.model.prepare() is called by System::create
-  float exposure_s = 0.0f;  // 0: unknown; used to predict motion blur
+  Camera camera;            // lens and shutter; System::create calls camera.model.prepare()
+  float exposure_s = 0.0f;  // seconds, at most 1; predicts motion blur. 0: unknown
 
-  // Live keyframes: bundle adjusted, measured by the map's points. Beyond, the least useful one is erased for each new
-  // one [phone 3.3].
+  // Live keyframes: those in bundle adjustment, whose measurements the map points keep. When there is one too many, the
+  // least useful one is erased [phone 3.3: 35]. Bundle adjustment solves in O(max_keyframes^3). Measured: an error of
+  // 0.044 % of the path with 35, 0.037 % with all 82 to 108 (tests/MEASURED.md, culling).
   int max_keyframes = 35;
-  // Erased keyframes that keep their images, for patches and to find the way back; the least useful is forgotten then.
-  // Each takes 4/3 bytes a pixel.
+  // Erased keyframes whose images are kept, for patches and relocalisation. When there is one too many, the least
+  // useful one is forgotten. 4/3 bytes a pixel each. Not swept.
   int max_erased_keyframes = 35;
-  int max_map_points = 1000;  // 35 keyframes with 25 new points each, and the first view's
-  // Of all map points together, beyond the two that each point needs and has a place for; 24 bytes each.
+  int max_map_points = 1000;  // room for 25 new points in each of 35 keyframes and 100 of the first view: 975
+  // Pool that all map points share for their third and further measurements (two places belong to each point); 24 bytes
+  // each. 6 more for each of 1000 points makes 8.
   int max_measurements = 6000;
-  // Beyond, the least useful one of a point goes [phone 3.2]. 2 to 32.
+  // When a point has one too many, its least useful one is dropped [phone 3.2: 8]. 2 to 32.
   int max_measurements_per_point = 8;
-  int max_partial_points = 100;
-  int max_measured_points = 50;     // per frame [phone 4]
-  int max_partial_searches = 12;    // per frame [phone 7]
+  int max_partial_points = 100;     // not swept
+  int max_measured_points = 50;     // map points searched per frame [phone 7]
+  int max_partial_searches = 12;    // partial points searched per frame [phone 7]
   int max_new_partial_points = 25;  // per keyframe [phone 5.2]
-  int max_initial_points = 100;     // tracked by the homography
-  // Measured points are spread over so many cells of the image, across and down. 1 to 16 each.
+  int max_initial_points = 100;     // of the first view, tracked by the homography; not swept
+  // The image is divided into cells_x by cells_y cells over which the measured points are spread. 1 to 16 each. 40 px
+  // squares of the phone's image; not swept.
   int cells_x = 6, cells_y = 8;
-  // Pyramid levels searched: of a sharp frame [phone 4], and of a blurred one or in a wide search. 0 to 4.
+  // Pyramid levels searched, 0 to 4: of a sharp frame, and of a blurred one or in a wide search [phone 4].
   int search_level = 1, coarse_search_level = 2;
 
-  float initial_baseline = 0.1f;  // length of the sideways start in world units [ptam 6.1]
-  // Distance of the first view's camera centre from the dominant plane, world units, when the user knows it: sets the
-  // scale in place of initial_baseline. 0: not known.
+  float initial_baseline = 0.1f;  // length of the sideways start, world units [ptam 6.1: 10 cm]
+  // Distance from the camera centre of the first view to the dominant plane, world units, when the user knows it. Sets
+  // the scale instead of initial_baseline. 0: not known.
   float initial_plane_distance = 0;
-  // Initialisation begins by itself, without a tap, when the camera has been held still for 0.3 s before a textured
-  // view; again whenever it has failed, until there is a map.
+  // Starts initialisation without a tap once the camera has been held still for 0.3 s before a textured view. After a
+  // failure it starts again, until there is a map.
   bool auto_start = false;
-  float min_keyframe_interval_s = 0.2f;
-  // A camera that stands still is shown still: while the whole image is at rest the pose shown follows the measured one
-  // only as far as noise does not explain the difference. Off: every pose as measured.
+  float min_keyframe_interval_s = 0.2f;  // seconds between keyframes (0.67 in [ptam 6.2]); not swept
+  // Damps the reported pose while the whole image is at rest: it follows the measured pose only as far as noise does
+  // not explain the difference. False: every pose as measured.
   bool steady_damping = true;
 
   PhoneProfile profile;  // turns charged work into time (the work clock)

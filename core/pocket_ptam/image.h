@@ -1,8 +1,8 @@
-// Image views and frames: pointers into memory that somebody else owns.
+// Image views and frames: pointers into memory that the caller owns.
 //
 // Pixel centres are integers: the top-left pixel is centred on (0, 0). x runs along columns to the right, y along rows
 // downwards. Level 0 is the full image, level l is 2^l times smaller (2x2 box means), so that a level-l pixel centre
-// lies at x0 = (xl + 0.5) * 2^l - 0.5 in level 0. to_level0() and from_level0() are the only places that convert.
+// lies at x0 = (xl + 0.5) * 2^l - 0.5 in level 0. All conversions use to_level0() and from_level0().
 #pragma once
 
 #include <cstdint>
@@ -11,7 +11,7 @@
 
 namespace pptam {
 
-// A rectangle of pixels; stride is in elements and may exceed width. Rows need no alignment.
+// A rectangle of pixels, not owned. stride: elements from one row to the next, at least width. Rows need no alignment.
 template <class T>
 struct ImageView {
   T* data = nullptr;
@@ -39,7 +39,8 @@ struct Frame {
   int64_t timestamp_ns = 0;  // mid-exposure of the image centre
 };
 
-// Checks that the frame is complete: non-null, positive even-for-subsampled size, stride at least one row of pixels.
+// Checks that the frame is complete: data not null, positive size (even where colour is subsampled), stride at least
+// one row of pixels, known format.
 Status validate_frame(const Frame& frame);
 
 // Grey view of a valid frame [phone 3.1]. Grey and planar YUV frames are used in place (the view points into the
@@ -47,9 +48,11 @@ Status validate_frame(const Frame& frame);
 // the weights sum to 256, so a grey BGRA or RGB pixel keeps its value exactly.
 GreyView to_grey(const Frame& frame, const GreyImage& storage);
 
+// A coordinate of level `level`, pixels, in level 0.
 constexpr float to_level0(float x, int level) {
   return (x + 0.5f) * static_cast<float>(1 << level) - 0.5f;
 }
+// A level-0 coordinate, pixels, in level `level`.
 constexpr float from_level0(float x0, int level) {
   return (x0 + 0.5f) / static_cast<float>(1 << level) - 0.5f;
 }

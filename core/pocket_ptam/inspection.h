@@ -1,4 +1,4 @@
-// For laboratories and tests: what judges a map, slowly.
+// Functions that judge a whole map, for tests and studies. They are slow.
 #pragma once
 
 #include <cstdint>
@@ -7,21 +7,22 @@
 
 namespace pptam {
 
-// How well the map explains what its keyframes measured: the bundle's objective at one fixed scale, so that maps of the
-// same recording made under different assumptions can be compared.
+// How well the map explains its keyframes' measurements: the objective of bundle adjustment at one fixed scale, so that
+// maps of the same recording made under different assumptions can be compared.
 struct MapFit {
-  int measurements = 0;
-  // Mean Tukey cost of a measurement at a scale of a quarter of its sigma (half a pixel), and the share of the
-  // keyframes' velocities, whose prior is the camera's motion. Squared sigmas.
+  int measurements = 0;  // count
+  // Sum of the Tukey costs of all measurements, and of the costs of the keyframes' velocities against their priors,
+  // divided by `measurements`. Unit: squared sigma of a measurement. The scale is 1/4 sigma (half a pixel at level 1).
   float cost = 0;
 };
+// All zero without measurements.
 MapFit map_fit(const System& system);
 
-// Into how many parts the map falls where live keyframes hold together by at least so many common points: 1 for a
-// sound map, 0 without one.
+// Number of connected parts of the map. Two live keyframes are connected when they measure at least common_points
+// common map points. 1 for a sound map, 0 without a map.
 int map_parts(const System& system, int common_points);
 
-// Of poses, points and measurements: equal maps on every target have equal hashes.
+// Hash of poses, points and measurements. Equal maps have equal hashes on every target.
 uint64_t map_hash(const System& system);
 
 }  // namespace pptam

@@ -1,4 +1,4 @@
-// What can be read of a map, and of a saved one.
+// What System reports about its map and about a saved map.
 #pragma once
 
 #include <cstdint>
@@ -14,27 +14,27 @@ struct KeyframeInfo {
 };
 struct MapPointInfo {
   uint32_t id = 0;
-  Vector3f p_w = Vector3f::Zero();
-  Vector3f normal_w = Vector3f::Zero();
-  int measurements = 0;
-  uint8_t grey = 0;  // of its source pixel, for pictures
+  Vector3f p_w = Vector3f::Zero();       // world units
+  Vector3f normal_w = Vector3f::Zero();  // unit normal of the patch
+  int measurements = 0;                  // count
+  uint8_t grey = 0;                      // grey value of its source pixel, for drawing
 };
 
-// A point found in a keyframe.
+// A map point measured in a keyframe.
 struct MeasurementInfo {
   uint32_t point_id = 0;
   uint32_t keyframe_id = 0;
   Vector2f px = Vector2f::Zero();         // level-0 pixels, as measured
-  Vector2f global_px = Vector2f::Zero();  // where a global shutter would have seen it: what T_cw alone explains
-  float sigma = 1;                        // expected, level-0 pixels
+  Vector2f global_px = Vector2f::Zero();  // corrected to a global shutter at the keyframe's timestamp, level-0 pixels
+  float sigma = 1;                        // expected standard deviation of a coordinate, level-0 pixels
 };
 
-// What a saved map says of itself.
+// Header of a saved map.
 struct MapInfo {
-  int version = 0;
-  Camera camera;  // with which it was made, not prepared; Config's must be the same to load it
+  int version = 0;  // of the file format
+  Camera camera;    // with which it was made, not prepared; Config::camera must be the same to load it
   int keyframes = 0, erased_keyframes = 0, map_points = 0, partial_points = 0;
-  // Capacities of a Config that can load it.
+  // Smallest capacities (max_... of Config) with which it can be loaded.
   int min_keyframes = 0, min_erased_keyframes = 0, min_map_points = 0, min_partial_points = 0;
   int min_measurements = 0, min_measurements_per_point = 0;
 };

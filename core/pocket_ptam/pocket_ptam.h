@@ -1,5 +1,5 @@
-// Pocket PTAM: camera tracking and mapping for one small core. The whole interface, with config.h and track_result.h;
-// inspection.h is for laboratories.
+// Pocket PTAM: camera tracking and mapping on one small core. With config.h and track_result.h this is the whole
+// interface; inspection.h is for tests and studies.
 //
 //   pptam::Config config = pptam::Config::phone(camera_model);
 //   std::vector<std::byte> memory(pptam::System::required_bytes(config));
@@ -12,10 +12,10 @@
 //   }
 //
 // One thread. No heap, no exceptions, no operating system; everything lives in the caller's block. The world's unit is
-// arbitrary (monocular): the sideways start, from the first view to the farthest of it, is Config::initial_baseline
-// long, unless the user knows a distance: Config::initial_plane_distance, System::set_length. The world's z = 0 is the
-// dominant plane of the first view, z up towards the camera. Poses are T_cw (world to camera), camera x right, y down,
-// z forward, at the frame's timestamp (mid-exposure of the image centre).
+// arbitrary (one camera cannot see the scale): the distance from the first view to the farthest view of the start is
+// Config::initial_baseline, unless Config::initial_plane_distance or System::set_length says otherwise. The world's
+// z = 0 is the dominant plane of the first view, z up towards the camera. Poses are T_cw (world to camera), camera x
+// right, y down, z forward, at the frame's timestamp (mid-exposure of the image centre).
 #pragma once
 
 #include <cstddef>
@@ -37,56 +37,56 @@ class System {
   System(const System&) = delete;  // it lives in the caller's memory
   System& operator=(const System&) = delete;
 
-  // Bytes of memory that create() needs for this configuration.
+  // Bytes of memory that create() needs for this configuration; 0 when config.validate() is not ok.
   static size_t required_bytes(const Config& config);
   // Builds the system inside memory (aligned as by malloc, at least required_bytes), which must outlive it. *system is
   // set only on success; there is nothing to destroy.
   static Status create(const Config& config, std::span<std::byte> memory, System** system);
 
-  // For stage times and for the slices' length; may be null. The clock must outlive the system or be replaced.
+  // Clock for TrackResult::stage_ns; null: no stage times. It must outlive the system or be replaced.
   void set_clock(const Clock* clock);
 
   // Tracks one frame to completion. Refuses (result.status) incomplete frames, another size than the camera's, and
   // timestamps that do not increase.
   TrackResult track(const Frame& frame);
 
-  bool has_work() const;  // is there anything for idle time?
+  bool has_work() const;  // whether there is mapping work for idle time
   void work_slice();      // one slice of mapping, at most about 0.25 million ARMv6 instructions
 
-  // Starts initialisation with the next frame. With a map, or initialising already: forgets it and starts again.
+  // Starts initialisation with the next frame. An existing map, or a start in progress, is discarded.
   void tap();
-  void reset();  // forgets everything, waits for a tap or for Config::auto_start
+  void reset();  // discards everything; then waits for a tap or for Config::auto_start
 
   // Scales the world so that two map points (ids as in map_points() or TrackResult::points) are `length` world units
-  // apart; poses follow from the next frame on. Refused when there is no finished map, a point does not exist, the
-  // length is not within a millionth to a million times what it was, or the map would reach over 1e8 units or under
-  // 1e-8; nothing changes then.
+  // apart. Poses follow from the next frame on. Refused, with nothing changed, when there is no finished map, a point
+  // does not exist, the length is not within 1e-6 to 1e6 times the present one, or the map would leave 1e-8 to 1e8
+  // units.
   Status set_length(uint32_t point_a, uint32_t point_b, float length);
 
-  // A finished map as bytes, between two slices: a versioned, checksummed format, the same on every target
-  // (map/map_file.h describes it). With everything needed to find the pose again and go on; keyframes still in the
-  // queue are not in it. All at once: 20 to 30 million ARMv6 instructions for a full map of the phone's.
-  size_t map_bytes() const;  // exactly what save_map() writes now; 0: there is no finished map
+  // Saving a finished map, between two slices, in a versioned and checksummed format that is the same on every target
+  // (map/map_file.h). The file holds all that relocalisation and further mapping need; keyframes still in the queue are
+  // left out. save_map() does not pause: 20 to 30 million ARMv6 instructions for a full map of the phone.
+  size_t map_bytes() const;  // exactly what save_map() writes now; 0 without a finished map
   // Refused when there is no finished map or out is smaller than map_bytes(); *bytes is set on success.
   Status save_map(std::span<std::byte> out, size_t* bytes) const;
-  // Header and checksum of a saved map, for making a Config that can load it. *info is set on success.
+  // Checks a saved map's header and checksum and reads what a Config that can load it needs. *info is set on success.
   static Status map_info(std::span<const std::byte> file, MapInfo* info);
-  // Replaces the map, or whatever was being done, by a saved one. The state is kLost then: the relocaliser finds the
-  // pose in the next frames that show a known view. Refused, with nothing changed, unless the whole file is good, was
-  // made with this camera and shutter, and fits Config's capacities.
+  // Replaces the map, or a start in progress, by a saved map. The state is then kLost, until the relocaliser finds the
+  // pose in a frame that shows a known view. Refused, with nothing changed, unless the whole file is valid, was made
+  // with this camera and shutter, and fits Config's capacities.
   Status load_map(std::span<const std::byte> file);
 
-  // A locked map is tracked only: no new keyframes or points, no mapping work, until it is unlocked. Without a finished
-  // map it waits for one. Stays as set through tap(), reset() and load_map().
+  // A locked map is only tracked: no new keyframes or points and no mapping work until it is unlocked. Without a
+  // finished map the lock takes effect once there is one. tap(), reset() and load_map() do not change it.
   void set_locked(bool locked);
   bool locked() const;
 
-  // Copies up to out.size() entries in the order of their ids (keyframes: live ones); returns how many there are in
+  // Each copies up to out.size() entries, ordered by id (keyframes: the live ones), and returns how many there are in
   // all.
   int keyframes(std::span<KeyframeInfo> out) const;
   int map_points(std::span<MapPointInfo> out) const;
-  int measurements(std::span<MeasurementInfo> out) const;  // by point, as map_points()
-  // Level 0 of a live or erased keyframe, valid until the next call that is not const; empty: no such id.
+  int measurements(std::span<MeasurementInfo> out) const;  // grouped by point, points in map_points()'s order
+  // Level-0 image of a live or erased keyframe, valid until the next non-const call; empty when no keyframe has the id.
   GreyView keyframe_image(uint32_t id) const;
 
   const Config& config() const;

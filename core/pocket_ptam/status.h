@@ -1,7 +1,7 @@
-// How the core reports a caller's mistake, and how it stops on one of its own.
+// Status reports a caller's mistake; the assert handler is called on a bug of the core.
 //
-// Three kinds of trouble are kept apart: our own bug (the assert handler), the caller's mistake (Status, state
-// unchanged), and the world's difficulty (ordinary output, see TrackResult). Nothing here allocates; messages are
+// Three kinds of failure are kept apart: a bug of the core (assert handler), a caller's mistake (Status; state
+// unchanged), and views that cannot be tracked (ordinary output, see TrackResult). Nothing here allocates; messages are
 // string literals.
 #pragma once
 
@@ -12,12 +12,12 @@ namespace pptam {
 
 enum class StatusCode : uint8_t {
   kOk,
-  kInvalidArgument,    // a null image, a wrong size or stride, an absurd calibration
+  kInvalidArgument,    // a null image, a wrong size or stride, an impossible calibration
   kOutOfMemory,        // the caller's memory block is smaller than required_bytes() or map_bytes()
   kTimeWentBackwards,  // a frame's timestamp is not later than the one before
   kNotReady,           // there is no finished map yet
-  kBadFile,            // not a saved map, of another version, or damaged
-  kConfigMismatch      // a good map, but of another camera, or too large for Config's capacities
+  kBadFile,            // not a saved map, one of another version, or a damaged one
+  kConfigMismatch      // a valid saved map, but of another camera, or too large for Config's capacities
 };
 
 // Success, or a code and a message that says what was wrong and what to do.
@@ -46,7 +46,7 @@ inline AssertHandler& assert_handler() {
 }
 }  // namespace detail
 
-// Replaces what a failed assertion of the core calls (default: trap). The only process-wide setting of the core.
+// Sets the function that a failed assertion of the core calls (default: trap). The core's only process-wide setting.
 inline void set_assert_handler(AssertHandler handler) {
   detail::assert_handler() = handler;
 }

@@ -1,4 +1,4 @@
-// What System::track() says of a frame.
+// The result of System::track() for one frame.
 #pragma once
 
 #include <cstdint>
@@ -13,7 +13,7 @@ enum class TrackingState : uint8_t {
   kWaiting,       // no map: tap() starts initialisation, or it starts by itself (Config::auto_start)
   kInitialising,  // the first view is tracked; move sideways
   kTracking,      // pose is valid
-  kLost           // there is a map, but the pose is not known; the relocaliser tries at every frame
+  kLost           // there is a map, but the pose is unknown; the relocaliser tries in every frame
 };
 
 enum class TrackingQuality : uint8_t { kBad, kPoor, kGood };
@@ -26,20 +26,20 @@ enum class Hint : uint8_t {
   kOnlyRotating,      // initialising: rotation alone cannot give depth
   kTooLittleTexture,  // about to start: too few corners in view
   kTooFast,           // initialising: the image is blurred
-  kStartLost,         // the first view was lost: back to the start
-  kReturnToKnownView
+  kStartLost,         // the first view was lost: initialisation begins again
+  kReturnToKnownView  // lost: show a view that a keyframe has seen
 };
 
-// Bits of TrackResult::limits_hit; each names the Config field to raise.
+// Bits of TrackResult::limits_hit. Each names the Config field to raise.
 enum LimitBits : uint32_t {
-  kLimitKeyframes = 1u << 0,       // max_keyframes: the map is full, none can be spared for a new one
+  kLimitKeyframes = 1u << 0,       // max_keyframes: the map is full, no keyframe can be erased for a new one
   kLimitMapPoints = 1u << 1,       // max_map_points
   kLimitPartialPoints = 1u << 2,   // max_partial_points
-  kLimitMeasuredPoints = 1u << 3,  // max_measured_points: more points were visible than measured (usual)
-  kLimitMeasurements = 1u << 4     // max_measurements: what keyframes measured of old points is lost
+  kLimitMeasuredPoints = 1u << 3,  // max_measured_points: more points were visible than searched (usual)
+  kLimitMeasurements = 1u << 4     // max_measurements: keyframes' further measurements of old points are dropped
 };
 
-enum class Stage : uint8_t {  // parts of a tracked frame, for TrackResult::stage_ns
+enum class Stage : uint8_t {  // parts of System::track(), for TrackResult::stage_ns
   kPyramid,                   // grey conversion and pyramid
   kRotation,                  // full-frame rotation
   kSearch,                    // prediction, visibility, warp, search, refinement
@@ -52,45 +52,45 @@ enum class Stage : uint8_t {  // parts of a tracked frame, for TrackResult::stag
 constexpr int kStages = static_cast<int>(Stage::kCount);
 
 enum class ObservedKind : uint8_t {
-  kInlier,   // map point measured and used
-  kOutlier,  // measured, zero weight
-  kMissed,   // searched and not found; px is the prediction
-  kHidden,   // the same, but a neighbour is seen much nearer: it is probably behind
+  kInlier,   // map point measured, used for the pose
+  kOutlier,  // map point measured, of zero weight in the pose update
+  kMissed,   // map point searched and not found; px is the prediction
+  kHidden,   // map point not found, probably occluded: a neighbour is much nearer to the camera; px is the prediction
   kPartial,  // partial point measured
   kInitial   // initialisation: point of the first view found in this frame
 };
 struct ObservedPoint {
-  Vector2f px = Vector2f::Zero();  // level-0 pixels
-  Vector2f predicted_px = Vector2f::Zero();
-  uint32_t point_id = 0;  // map point id (0 for initialisation points)
+  Vector2f px = Vector2f::Zero();            // level-0 pixels
+  Vector2f predicted_px = Vector2f::Zero();  // level-0 pixels; for kInitial the position in the first view
+  uint32_t point_id = 0;                     // map point id (0 for initialisation points)
   ObservedKind kind = ObservedKind::kMissed;
   uint8_t level = 1;  // pyramid level searched
 };
 
 struct TrackResult {
-  Status status;  // not ok: the frame was refused and nothing changed
-  int64_t timestamp_ns = 0;
+  Status status;             // not ok: the frame was refused and nothing changed
+  int64_t timestamp_ns = 0;  // the frame's
   TrackingState state = TrackingState::kWaiting;
   TrackingQuality quality = TrackingQuality::kBad;
   Hint hint = Hint::kNone;
   float progress = 0;       // of initialisation, 0 to 1
   uint32_t limits_hit = 0;  // LimitBits
-  bool pose_valid = false;  // T_cw and covariance mean something; never true in a state other than kTracking
-  bool blurred = false;     // predicted motion blur made the search fall back to L2
+  bool pose_valid = false;  // whether T_cw and covariance are valid; true only in state kTracking
+  bool blurred = false;     // motion blur was predicted, so the search used Config::coarse_search_level
   bool keyframe_added = false;
   SE3 T_cw;
   Matrix6f covariance = Matrix6f::Zero();  // of mu in T_cw <- exp(mu) T_cw, world units and radians
-  int points_attempted = 0;                // map points searched that should be visible
+  int points_attempted = 0;                // map points searched because they should be visible
   int points_found = 0;
   int points_inliers = 0;
   float reprojection_px = 0;  // rms error of an inlier's coordinate, level-0 pixels
   int partial_attempted = 0;
   int partial_found = 0;
   int keyframes = 0;         // in the map, live
-  int erased_keyframes = 0;  // kept besides
+  int erased_keyframes = 0;  // kept for patches and relocalisation
   int map_points = 0;
   std::span<const ObservedPoint> points;  // valid until the next call of track()
-  int64_t stage_ns[kStages] = {};         // by the clock given to set_clock(); zero without one
+  int64_t stage_ns[kStages] = {};         // time of each Stage by the clock given to set_clock(); zero without one
 };
 
 }  // namespace pptam

@@ -1,7 +1,7 @@
-// What each stage charges for its work, and the phone profile that turns charges into time.
+// The work meter: each stage charges its work, and a phone profile turns the charges into time.
 //
-// A stage adds in one line how many units it did (pixels converted, candidates compared, ...). The profile states the
-// executed ARMv6 instructions that one unit costs; instructions x cycles per instruction / clock is time. With the work
+// A stage charges the number of units it did (pixels converted, candidates compared, ...). The profile states how many
+// executed ARMv6 instructions one unit costs; time is instructions x cycles per instruction / clock rate. With the work
 // clock a whole run is therefore a pure function of its input.
 #pragma once
 
@@ -21,12 +21,12 @@ enum class Work : uint8_t {
   kPatchCandidate,    // one candidate position compared by zero-mean SSD
   kPatchRefineStep,   // one iteration of sub-pixel refinement
   kPosePoint,         // one point in one iteration of the pose update
-  kPoseProjection,    // one point projected and differentiated, in some of these iterations
+  kPoseProjection,    // one point projected and differentiated, in a relinearising iteration of the pose update
   kHomographyPoint,   // one point in one iteration of the homography update
   kKeyframePixel,     // one pixel copied into a keyframe
   kBundleError,       // one measurement projected, for its error
   kBundleProjection,  // one measurement projected and differentiated, its share of the normal equations
-  kBundleMotion,      // what the velocity as an unknown adds to that
+  kBundleMotion,      // one measurement's further share when its keyframe's velocity is an unknown
   kBundleBlock,       // one 6x6 product of two cameras' couplings to a point
   kBundleSolve,       // one 6x6 product of the reduced camera system's factorisation
   kBundleStep,        // one measurement's share of a point's step
@@ -36,20 +36,20 @@ enum class Work : uint8_t {
 constexpr int kWorkKinds = static_cast<int>(Work::kCount);
 
 struct PhoneProfile {
-  float clock_mhz = 412.0f;             // ARM1176 of the 2009 phone
-  float cycles_per_instruction = 1.5f;  // until measured
-  // ARMv6 instructions per unit, as counted in emulation (tests/budget); the copy of keyframes is still an estimate.
+  float clock_mhz = 412.0f;             // MHz, the ARM1176 of the 2009 phone [phone 3]
+  float cycles_per_instruction = 1.5f;  // ratio, assumed, not measured; every modelled time is proportional to it
+  // ARMv6 instructions per unit of each Work, as counted in emulation (tests/budget). kKeyframePixel is an estimate.
   std::array<float, kWorkKinds> instructions = {
       9.0f,  // kGreyPixel, of BGRA; YUYV takes 5, RGB 14
       7.0f,  // kPyramidPixel
       85,    // kCornerPixel
-      1450,  // kCornerAscent: with the corners' order
+      1450,  // kCornerAscent: includes ordering the corners
       250,   // kRotationPixel
-      1200,  // kPointProjected: with the choice of the points to search
-      6000,  // kPatchWarp: with the affine map
-      130,   // kPatchCandidate: most are given up after two rows of eight pixels
+      1200,  // kPointProjected: includes choosing the points to search
+      6000,  // kPatchWarp: includes the affine map
+      130,   // kPatchCandidate: most are rejected after two rows of eight pixels
       2900,  // kPatchRefineStep
-      700,   // kPosePoint: of 50 to 100 points
+      700,   // kPosePoint: for 50 to 100 points
       265,   // kPoseProjection
       1000,  // kHomographyPoint
       1,     // kKeyframePixel
@@ -71,7 +71,7 @@ class WorkMeter {
     units_[i] += units;
     spent_ += units * price_[i];
   }
-  // ARMv6 instructions charged so far, by the profile.
+  // ARMv6 instructions charged so far, by the profile's prices.
   int64_t instructions() const { return spent_ >> kFraction; }
   int64_t modelled_ns() const {
     return static_cast<int64_t>(static_cast<double>(instructions()) * profile_.cycles_per_instruction * 1e3 /
@@ -79,7 +79,7 @@ class WorkMeter {
   }
   int64_t units(Work kind) const { return units_[static_cast<int>(kind)]; }
   const PhoneProfile& profile() const { return profile_; }
-  // Prices what has been charged already anew.
+  // Also prices again what has been charged already.
   void set_profile(const PhoneProfile& profile) {
     profile_ = profile;
     spent_ = 0;
@@ -90,12 +90,13 @@ class WorkMeter {
   }
 
  private:
-  // Whole numbers: background jobs ask after every few thousand instructions, and conversions would cost as many.
-  static constexpr int kFraction = 8;  // bits
+  // Fixed point, because background jobs read the sum every few thousand instructions: converting all charges from
+  // float each time would cost as many instructions again.
+  static constexpr int kFraction = 8;  // bits after the point: prices are multiples of 1/256 instruction. Not swept
   PhoneProfile profile_;
   std::array<int64_t, kWorkKinds> units_ = {};
-  std::array<int64_t, kWorkKinds> price_ = {};  // instructions * 2^kFraction
-  int64_t spent_ = 0;                           // the same
+  std::array<int64_t, kWorkKinds> price_ = {};  // per unit, instructions * 2^kFraction
+  int64_t spent_ = 0;                           // sum of units_ * price_, instructions * 2^kFraction
 };
 
 }  // namespace pptam

@@ -8,7 +8,7 @@ void* FrameStack::push(size_t bytes) {
   const size_t aligned = (bytes + Arena::kAlignment - 1) / Arena::kAlignment * Arena::kAlignment;
   if (used_ + aligned > size_) {
     PPTAM_ASSERT(!"FrameStack is too small for the nested jobs");
-    __builtin_trap();  // going on would write outside the arena
+    __builtin_trap();  // to continue would write outside the arena
   }
   void* frame = memory_ + used_;
   used_ += aligned;

@@ -1,10 +1,9 @@
 // Background work as coroutines that run in slices of idle time, on one thread, without the heap.
 //
-// A job is a member coroutine of a class derived from Background. It reads like straight code and says
-// `co_await spend(kind, units)` wherever it may pause: what it did is charged to the work meter, and the pause is taken
-// once the slice's instructions are used up. Because the meter decides and not a timer, a job gives the same result
-// however the idle time is cut. Jobs may `co_await` other jobs of the same class; their frames lie on a stack
-// (FrameStack) in the map-maker's arena.
+// A job is a member coroutine of a class derived from Background. It says `co_await spend(kind, units)` wherever it may
+// pause: its work is charged to the work meter, and it pauses once the slice's instructions are used up. Because the
+// meter decides and not a timer, a job gives the same result however the idle time is divided. A job may `co_await`
+// other jobs of the same class. Coroutine frames lie on a stack (FrameStack) in the arena.
 //
 //   Task<> Mapper::run() {
 //     for (;;) {
@@ -25,7 +24,7 @@
 
 namespace pptam {
 
-// Coroutine frames, last in first out.
+// Memory for coroutine frames, last in first out.
 class FrameStack {
  public:
   FrameStack() = default;
@@ -39,7 +38,7 @@ class FrameStack {
   size_t used_ = 0;
 };
 
-// About 1 ms of the 412 MHz phone.
+// Longest slice, ARMv6 instructions: about 1 ms on the 412 MHz phone. A frame that arrives waits no longer. Not swept.
 constexpr int64_t kSliceInstructions = 250'000;
 
 class Background {
@@ -50,7 +49,7 @@ class Background {
 
   FrameStack& frames() { return frames_; }
 
-  // Resumes the paused job for one slice.
+  // Runs the paused job, if any, for one slice.
   void resume() {
     slice_start_ = meter_.instructions();
     const std::coroutine_handle<> paused = std::exchange(paused_, nullptr);
@@ -71,7 +70,7 @@ class Background {
     meter_.charge(kind, units);
     return slice();
   }
-  // Pauses in any case: there is nothing more to do now.
+  // Pauses in any case, for a job that has nothing to do now.
   Slice rest() { return {*this, true}; }
 
  protected:
@@ -81,8 +80,8 @@ class Background {
   WorkMeter& meter_;
 
  private:
-  // The pause is taken at the first slice() past this point; what runs between two slice() calls stays under the rest:
-  // the longest such piece is a map's change of coordinates, 0.06 million instructions (tests/budget).
+  // Instructions after which the next slice() pauses. The other half of kSliceInstructions is for what runs between two
+  // slice() calls: the longest is a map's change of coordinates, 0.06 million instructions (tests/budget).
   static constexpr int64_t kMaxSlice = kSliceInstructions / 2;
   FrameStack frames_;
   std::coroutine_handle<> paused_ = nullptr;
@@ -94,11 +93,12 @@ class Task;
 
 namespace detail {
 
-// What all tasks' promises share: frames from the job's stack, and the way back to whoever awaits.
+// Base of all tasks' promises: takes frames from the job's FrameStack and resumes the awaiting job at the end.
 struct PromiseBase {
-  std::coroutine_handle<> parent = nullptr;
+  std::coroutine_handle<> parent = nullptr;  // the job that awaits this one
 
-  // The first argument of a member coroutine is its object.
+  // The first argument of a member coroutine is its object, which has frames(). A header before the frame tells
+  // operator delete which FrameStack it came from.
   template <class Self, class... Args>
   static void* operator new(size_t bytes, Self& self, Args&&...) {
     const size_t header = Arena::kAlignment;
@@ -138,7 +138,7 @@ struct Promise<void> : PromiseBase {
 
 }  // namespace detail
 
-// A job, or a part of one. T: what it returns, copied.
+// A job, or a part of one. T: type of the value it returns; returned by copy.
 template <class T>
 class [[nodiscard]] Task {
  public:
