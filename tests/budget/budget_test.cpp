@@ -1,10 +1,9 @@
-// What a frame costs in instructions executed on the phone's ARM1176, stage by stage, and that it gives the same bits
-// everywhere.
+// What a frame costs in instructions executed on the phone's ARM1176, stage by stage.
 //
 // An emulated phone looks at a desk, a map is started, and frames are tracked as in use. Whole frames are counted
 // through the library's clock interface, kernels alone on one of the frames. The counts come from the emulator and are
 // the same in every run of one executable. armv6_counts.txt keeps them, so that a change must be deliberate:
-// PPTAM_UPDATE_COUNTS=1 writes it anew. Natively, and on other ARMs, only the bits are checked.
+// PPTAM_UPDATE_COUNTS=1 writes it anew. On other processors there is nothing to count.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -54,50 +53,6 @@ class CountedClock final : public Clock {
   Region region_;
 };
 
-// ---------------------------------------------------------------------------------------------------------------- bits
-
-struct Hashes {
-  uint64_t frames = 0;   // what the camera saw
-  uint64_t results = 0;  // what came out: every result, and the map after every frame
-  int poses = 0;
-};
-
-Hashes run_and_hash(int changed_frame) {
-  Parts parts(test::config_for(recording()));
-  test::Fnv frames;
-  test::Trace trace;
-  Hashes hashes;
-  std::vector<uint8_t> pixels;
-  for (int i = 0; i < recording().size(); ++i) {
-    Frame frame = recording().frame(i);
-    pixels.assign(frame.data, frame.data + frame.stride_bytes * frame.height);
-    if (i == changed_frame) pixels[pixels.size() / 2] ^= 0x80;
-    frame.data = pixels.data();
-    frames.add(pixels.data(), pixels.size());
-    const TrackResult result = parts.tracker->track(frame, nullptr);
-    hashes.poses += result.pose_valid;
-    trace.add(result);
-    parts.map_a_while();
-    trace.add_value(static_cast<int64_t>(parts.map.hash()));
-  }
-  test::Fnv results;
-  results.add(trace.bytes.data(), trace.bytes.size());
-  hashes.frames = frames.value();
-  hashes.results = results.value();
-  return hashes;
-}
-
-TEST(Bits, AreTheSameOnEveryTarget) {
-  const Hashes hashes = run_and_hash(-1);
-  EXPECT_GT(hashes.poses, 25) << "the run must have a map, or nothing is compared";
-  ASSERT_EQ(hashes.frames, 0xec03541461a0277bu)
-      << "the emulated phone's images differ: nothing can be said of the library";
-  EXPECT_EQ(hashes.results, 0xa6b51a72a0422dfeu);
-#ifndef __arm__  // minutes in emulation
-  EXPECT_NE(run_and_hash(10).results, hashes.results) << "control: one pixel of one early frame";
-#endif
-}
-
 // -------------------------------------------------------------------------------------------------------------- counts
 
 // The frames from the tap to the first pose in a scene without a dominant plane, where the search for the motion costs
@@ -138,10 +93,8 @@ void search_again(const Parts& parts, const Pyramid& pyramid, const TrackResult&
 }
 
 TEST(Budget, OfAFrame) {
-  if (!test::kPhone || !test::counter_available()) {
-    GTEST_LOG_(INFO) << "nothing counts instructions here: tests/run.sh runs this on an emulated ARM1176";
-    return;
-  }
+  if (!test::kPhone || !test::counter_available())
+    GTEST_SKIP() << "nothing counts instructions here: tests/run.sh runs this on an emulated ARM1176";
   Parts parts(test::config_for(recording()));
   const CountedClock clock;
   std::vector<Counts> initialising, tracked;
@@ -224,7 +177,7 @@ TEST(Budget, AChangeOfTwoPerCentIsSeen) {
 
 // The counter itself: an empty region costs next to nothing, a loop the same each time and in proportion.
 TEST(Counter, IsProportionalAndRepeatable) {
-  if (!test::counter_available()) GTEST_LOG_(INFO) << "nothing counts here: all counts are zero";
+  if (!test::counter_available()) GTEST_SKIP() << "nothing counts instructions here";
   const auto loop = [](int n) {
     return count([n] {
              [[maybe_unused]] volatile int sink = 0;
@@ -237,12 +190,8 @@ TEST(Counter, IsProportionalAndRepeatable) {
   const int64_t once = loop(1000), twice = loop(2000);
   EXPECT_NEAR(loop(1000), once, 2);
   EXPECT_NEAR(loop(2000), twice, 2);
-  if (test::counter_available()) {
-    EXPECT_GE(once, 3000);  // store, count, branch at least
-    EXPECT_NEAR(loop(3000) - twice, twice - once, 4);
-  } else {
-    EXPECT_EQ(once, 0);
-  }
+  EXPECT_GE(once, 3000);  // store, count, branch at least
+  EXPECT_NEAR(loop(3000) - twice, twice - once, 4);
 }
 
 }  // namespace

@@ -13,6 +13,7 @@
 #include "sim_phone/laboratory/start_study.h"
 #include "tests/support/random.h"
 #include "tests/support/recording.h"
+#include "tests/support/sample.h"
 
 namespace pptam {
 namespace {
@@ -20,6 +21,7 @@ namespace {
 using laboratory::StudyTrial;
 using test::Phone;
 using test::Recording;
+using test::sampled;
 
 constexpr double kFollow_s = 1.5;
 
@@ -44,7 +46,8 @@ double median_normal_deg(const std::vector<StudyTrial>& all) {
 }
 
 // What must hold in every trial, and how many may end without a map: of 20 trials at the wanted rate of 98 % at most
-// one fails with a probability of 94 %, at a rate of 80 % with one of 7 %.
+// one fails with a probability of 94 %, at a rate of 80 % with one of 7 %. Of 8 trials, the daily sample, none fails
+// with 85 % and 17 %: seeds are fixed, so that a failure is a change and not chance.
 void expect_good_starts(const std::vector<StudyTrial>& all, int may_fail) {
   int failed = 0;
   for (const StudyTrial& trial : all) {
@@ -63,18 +66,19 @@ void expect_good_starts(const std::vector<StudyTrial>& all, int may_fail) {
 
 // Two degrees are wanted of the median. A shutter told to run the other way and twice as long leaves three readouts of
 // shear, up to 3 x 60 ms x 20 degrees/s = 3.6 degrees across the view: on the same trials that must show.
-TEST(Start, PlanesAreRightAndAWrongShutterIsNoticed) {
-  const std::vector<StudyTrial> all = trials("planar", 20);
-  expect_good_starts(all, 1);
+TEST(StartStudy, PlanesAreRightAndAWrongShutterIsNoticed) {
+  const std::vector<StudyTrial> all = trials("planar", sampled(8, 20));
+  expect_good_starts(all, sampled(0, 1));
   EXPECT_LT(median_normal_deg(all), 2);
-  const std::vector<StudyTrial> told_right(all.begin(), all.begin() + 10);
-  EXPECT_GT(median_normal_deg(trials("planar", 10, -2)), 1.5 * median_normal_deg(told_right));
+  const int wrong = sampled(5, 10);
+  const std::vector<StudyTrial> told_right(all.begin(), all.begin() + wrong);
+  EXPECT_GT(median_normal_deg(trials("planar", wrong, -2)), 1.5 * median_normal_deg(told_right));
 }
 
 // A new map whose keyframes' velocities are not known well is bent, and right only after some more keyframes, or does
 // not come about: with velocities from the differences between the keyframes, several frames apart, 12 % of the first
 // of these runs' poses were wrong and the second had no map.
-TEST(Start, AnAcceleratingStartIsNotBent) {
+TEST(StartStudy, AnAcceleratingStartIsNotBent) {
   for (const uint64_t seed : {10u, 25u}) {
     const StudyTrial trial = laboratory::run_study_trial("planar", seed, 5, laboratory::study_scene("planar", seed));
     EXPECT_TRUE(trial.initialised) << seed;
@@ -82,22 +86,22 @@ TEST(Start, AnAcceleratingStartIsNotBent) {
   }
 }
 
-TEST(Start, OtherCamerasStartToo) {
-  const std::vector<StudyTrial> all = trials("cameras", 10);
-  expect_good_starts(all, 1);
+TEST(StartStudy, OtherCamerasStartToo) {
+  const std::vector<StudyTrial> all = trials("cameras", sampled(5, 10));
+  expect_good_starts(all, sampled(0, 1));
   EXPECT_LT(median_normal_deg(all), 2);
 }
 
-TEST(Start, TurningGivesNoMapAndMovingAfterwardsDoes) {
-  expect_good_starts(trials("rotation", 20), 1);
+TEST(StartStudy, TurningGivesNoMapAndMovingAfterwardsDoes) {
+  expect_good_starts(trials("rotation", sampled(8, 20)), sampled(0, 1));
 }
 
-TEST(Start, ScenesWithoutADominantPlane) {
-  const std::vector<StudyTrial> all = trials("corners", 20);
-  expect_good_starts(all, 1);
+TEST(StartStudy, ScenesWithoutADominantPlane) {
+  const std::vector<StudyTrial> all = trials("corners", sampled(8, 20));
+  expect_good_starts(all, sampled(0, 1));
   int without_plane = 0;
   for (const StudyTrial& trial : all) without_plane += trial.plane_share < 0.6 ? 1 : 0;
-  EXPECT_GT(without_plane, 10) << "otherwise the trials do not test what they are for";
+  EXPECT_GT(2 * without_plane, static_cast<int>(all.size())) << "otherwise the trials do not test what they are for";
 }
 
 const Recording& desk() {
