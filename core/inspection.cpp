@@ -5,8 +5,16 @@
 
 namespace pptam {
 
+namespace {
+
+// Scale of map_fit()'s Tukey cost, units of a measurement's sigma: half a pixel of level 0 for measurements of level 1.
+// Fixed, so that maps can be compared.
+constexpr float kScale = 0.25f;
+constexpr float kUnseen = 1e12f;  // squared error of a measurement that does not project: its cost is saturated
+
+}  // namespace
+
 MapFit map_fit(const System& system) {
-  constexpr float kScale = 0.25f;
   const Map& map = system.map();
   const Camera& camera = system.config().camera;
   MapFit fit;
@@ -17,7 +25,7 @@ MapFit map_fit(const System& system) {
       const Keyframe& keyframe = map.keyframes()[m.keyframe];
       const float dt_s = camera.dt_s(m.at.px);
       Vector2f px;
-      float error_sq = 1e12f;
+      float error_sq = kUnseen;
       if (camera.project(moved_point(keyframe.T_kw * point.p_w, keyframe.velocity, dt_s), &px))
         error_sq = (m.at.px - px).squaredNorm() / (m.at.sigma() * m.at.sigma());
       sum += static_cast<double>(tukey_cost(error_sq, kScale));
@@ -51,7 +59,7 @@ int map_parts(const System& system, int common_points) {
     }
     return count;
   };
-  int16_t reached[kMaxKeyframeSlots];  // in the order in which they were
+  int16_t reached[kMaxKeyframeSlots];  // keyframes in the order in which they were reached
   bool done[kMaxKeyframeSlots] = {};
   int parts = 0;
   for (int start = 0; start < map.keyframes().size(); ++start) {

@@ -1,9 +1,9 @@
-// The profile of the 2009 phone.
+// The profile of the 2009 phone: the parts that its Config names.
 #include <pocket_ptam/config.h>
 
 namespace pptam {
 
-// Its capacities are Config's defaults.
+// The phone's capacities are Config's default values.
 Config Config::phone(const CameraModel& model) {
   Config config;
   config.corner_source = create_shi_tomasi_corners;

@@ -1,4 +1,4 @@
-// Wires tracking, mapping and the map together inside the caller's block of memory.
+// Connects tracking, mapping and the map inside the caller's block of memory, and checks the caller's input.
 #include <new>
 
 #include <pocket_ptam/image.h>
@@ -12,9 +12,30 @@ namespace pptam {
 
 namespace {
 
+// Bytes of all keyframes' images at level 0: 1 GB. Not swept.
 constexpr int64_t kMaxImageBytes = int64_t{1} << 30;
+// Keyframes counted for that bound besides live and erased ones: those of the queue and of a start, and a reserve.
+constexpr int kOtherKeyframes = 16;
 
-// ARMv6 instructions a byte, for the checksum and a copy.
+// Bounds of Config: the smallest pyramid level keeps 4x4 pixels, slots of points fit into int16_t, the others bound
+// memory and time. Not swept.
+constexpr int kMinImageSize = 64, kMaxImageSize = 4096;  // pixels
+constexpr int kMinKeyframes = 3;
+constexpr int kMinMapPoints = 100, kMaxMapPoints = 30000;
+constexpr int kMaxPartialPoints = 30000;
+constexpr int kMaxMeasurements = 1000000;
+constexpr int kMaxCellsAcross = 16;  // also of the choice of points (tracking/point_selection.cpp)
+constexpr int kMinMeasuredPoints = 16, kMaxMeasuredPoints = 250;
+constexpr int kMaxPartialsPerStep = 1000;  // searched in a frame, or new in a keyframe
+constexpr int kMinPointsOfStart = 30, kMaxPointsOfStart = 250;
+constexpr float kMaxReadout_s = 1.0f, kMaxExposure_s = 1.0f;
+constexpr float kMinLength = 1e-3f, kMaxLength = 1e3f;  // world units, of a start's baseline or plane distance
+constexpr float kMaxKeyframeInterval_s = 3600;
+constexpr float kMaxClock_mhz = 1e5f, kMinCycles = 0.01f, kMaxCycles = 1e3f, kMaxInstructions = 1e7f;
+// Change of scale that one set_length() may make, a ratio. Not swept.
+constexpr float kMinScale = 1e-6f, kMaxScale = 1e6f;
+
+// ARMv6 instructions a byte, for the checksum and a copy: an estimate.
 constexpr int kMapFileInstructions = 8;
 
 }  // namespace
@@ -45,52 +66,54 @@ Status Config::validate() const {
   const CameraModel& model = camera.model;
   const Status status = model.validate();
   if (!status.ok()) return status;
-  if (model.width < 64 || model.height < 64 || model.width > 4096 || model.height > 4096)
+  if (model.width < kMinImageSize || model.height < kMinImageSize || model.width > kMaxImageSize ||
+      model.height > kMaxImageSize)
     return {StatusCode::kInvalidArgument, "Config::camera: width and height must be within 64 to 4096 pixels"};
-  if (!(camera.readout_s() <= 1.0f))
+  if (!(camera.readout_s() <= kMaxReadout_s))
     return {StatusCode::kInvalidArgument,
             "Config::camera.shutter: the readout must be under 1 s; line_time_s is per line"};
-  if (!(exposure_s >= 0 && exposure_s <= 1.0f))
+  if (!(exposure_s >= 0 && exposure_s <= kMaxExposure_s))
     return {StatusCode::kInvalidArgument, "Config::exposure_s must be within 0 to 1 s"};
-  if (max_keyframes < 3 || max_keyframes > kMaxKeyframes)
+  if (max_keyframes < kMinKeyframes || max_keyframes > kMaxKeyframes)
     return {StatusCode::kInvalidArgument, "Config::max_keyframes must be within 3 to 1000"};
   if (max_erased_keyframes < 0 || max_erased_keyframes > kMaxKeyframes)
     return {StatusCode::kInvalidArgument, "Config::max_erased_keyframes must be within 0 to 1000"};
-  if (max_map_points < 100 || max_map_points > 30000)
+  if (max_map_points < kMinMapPoints || max_map_points > kMaxMapPoints)
     return {StatusCode::kInvalidArgument, "Config::max_map_points must be within 100 to 30000"};
-  if (max_partial_points < 0 || max_partial_points > 30000)
+  if (max_partial_points < 0 || max_partial_points > kMaxPartialPoints)
     return {StatusCode::kInvalidArgument, "Config::max_partial_points must be within 0 to 30000"};
   if (max_measurements_per_point < 2 || max_measurements_per_point > kMaxMeasurementsPerPoint)
     return {StatusCode::kInvalidArgument, "Config::max_measurements_per_point must be within 2 to 32"};
-  if (max_measurements < 0 || max_measurements > 1000000)
+  if (max_measurements < 0 || max_measurements > kMaxMeasurements)
     return {StatusCode::kInvalidArgument, "Config::max_measurements must be within 0 to 1000000"};
-  if (cells_x < 1 || cells_y < 1 || cells_x > 16 || cells_y > 16)
+  if (cells_x < 1 || cells_y < 1 || cells_x > kMaxCellsAcross || cells_y > kMaxCellsAcross)
     return {StatusCode::kInvalidArgument, "Config::cells_x and cells_y must be within 1 to 16"};
   if (search_level < 0 || search_level >= kPyramidLevels || coarse_search_level < search_level ||
       coarse_search_level >= kPyramidLevels)
     return {StatusCode::kInvalidArgument,
             "Config::search_level and coarse_search_level must be within 0 to 4, the latter not the finer one"};
-  if (max_measured_points < 16 || max_measured_points > 250)
+  if (max_measured_points < kMinMeasuredPoints || max_measured_points > kMaxMeasuredPoints)
     return {StatusCode::kInvalidArgument, "Config::max_measured_points must be within 16 to 250"};
-  if (max_partial_searches < 0 || max_partial_searches > 1000 || max_new_partial_points < 0 ||
-      max_new_partial_points > 1000)
+  if (max_partial_searches < 0 || max_partial_searches > kMaxPartialsPerStep || max_new_partial_points < 0 ||
+      max_new_partial_points > kMaxPartialsPerStep)
     return {StatusCode::kInvalidArgument, "Config: the partial points' limits must be within 0 to 1000"};
-  if (max_initial_points < 30 || max_initial_points > 250)
+  if (max_initial_points < kMinPointsOfStart || max_initial_points > kMaxPointsOfStart)
     return {StatusCode::kInvalidArgument, "Config::max_initial_points must be within 30 to 250"};
-  if (!(initial_baseline > 1e-3f && initial_baseline < 1e3f))
+  if (!(initial_baseline > kMinLength && initial_baseline < kMaxLength))
     return {StatusCode::kInvalidArgument, "Config::initial_baseline must be within 0.001 to 1000"};
-  if (!(initial_plane_distance == 0 || (initial_plane_distance > 1e-3f && initial_plane_distance < 1e3f)))
+  if (!(initial_plane_distance == 0 || (initial_plane_distance > kMinLength && initial_plane_distance < kMaxLength)))
     return {StatusCode::kInvalidArgument, "Config::initial_plane_distance must be 0 or within 0.001 to 1000"};
-  if (!(min_keyframe_interval_s >= 0 && min_keyframe_interval_s < 3600))
+  if (!(min_keyframe_interval_s >= 0 && min_keyframe_interval_s < kMaxKeyframeInterval_s))
     return {StatusCode::kInvalidArgument, "Config::min_keyframe_interval_s must be within 0 to 3600 s"};
-  if (static_cast<int64_t>(model.width) * model.height * (max_keyframes + max_erased_keyframes + 16) > kMaxImageBytes)
+  if (static_cast<int64_t>(model.width) * model.height * (max_keyframes + max_erased_keyframes + kOtherKeyframes) >
+      kMaxImageBytes)
     return {StatusCode::kInvalidArgument,
             "Config: max_keyframes and max_erased_keyframes of this size need over 1 GB: lower one of them"};
-  if (!(profile.clock_mhz >= 1 && profile.clock_mhz <= 1e5f) ||
-      !(profile.cycles_per_instruction >= 0.01f && profile.cycles_per_instruction <= 1e3f))
+  if (!(profile.clock_mhz >= 1 && profile.clock_mhz <= kMaxClock_mhz) ||
+      !(profile.cycles_per_instruction >= kMinCycles && profile.cycles_per_instruction <= kMaxCycles))
     return {StatusCode::kInvalidArgument, "Config::profile: clock or cycles per instruction is absurd"};
   for (const float instructions : profile.instructions)
-    if (!(instructions >= 0 && instructions <= 1e7f))
+    if (!(instructions >= 0 && instructions <= kMaxInstructions))
       return {StatusCode::kInvalidArgument, "Config::profile: instructions per unit must be within 0 to 1e7"};
   return {};
 }
@@ -165,7 +188,7 @@ Status System::set_length(uint32_t point_a, uint32_t point_b, float length) {
   }
   if (!a || !b) return {StatusCode::kInvalidArgument, "set_length: a map point with this id does not exist"};
   const float scale = length / (a->p_w - b->p_w).norm();
-  if (!(scale > 1e-6f && scale < 1e6f))  // also NaN, and the same point twice
+  if (!(scale > kMinScale && scale < kMaxScale))  // refuses NaN, and the same point twice
     return {StatusCode::kInvalidArgument, "set_length: the length must be within 1e-6 to 1e6 times the present one"};
   if (!map.can_change_scale(scale))
     return {StatusCode::kInvalidArgument,
@@ -185,7 +208,7 @@ Status System::save_map(std::span<std::byte> out, size_t* bytes) const {
   if (out.size() < needed) return {StatusCode::kOutOfMemory, "save_map: out is smaller than map_bytes()"};
   write_map_file(impl_->map, impl_->config, out.first(needed));
   impl_->meter.charge(Work::kOther, static_cast<int64_t>(2 * needed) * kMapFileInstructions);
-  // What was saved can be loaded, by the reader's own rules.
+  // Checked by the reader's rules, so that a map that was saved can be loaded.
   const Status status = check_map_file(out.first(needed), impl_->config);
   if (status.ok()) *bytes = needed;
   return status;
@@ -203,6 +226,7 @@ Status System::load_map(std::span<const std::byte> file) {
   read_map_file(file, impl_->config, impl_->map);
   impl_->tracker.begin_lost();
   const CameraModel& model = impl_->config.camera.model;
+  // Levels 1 to 4 of a keyframe have a third of level 0's pixels.
   impl_->meter.charge(Work::kPyramidPixel,
                       static_cast<int64_t>(model.width) * model.height / 3 * impl_->map.keyframes().size());
   return {};
@@ -218,7 +242,7 @@ bool System::locked() const {
 int System::keyframes(std::span<KeyframeInfo> out) const {
   int count = 0;
   for (uint32_t last_id = 0;; ++count) {
-    const Keyframe* next = nullptr;  // slots are used again, so that ids are not in their order
+    const Keyframe* next = nullptr;  // by ascending id: slots are used again and are not in that order
     for (const Keyframe& keyframe : impl_->map.keyframes())
       if (keyframe.live() && keyframe.id > last_id && (!next || keyframe.id < next->id)) next = &keyframe;
     if (!next) return count;

@@ -8,7 +8,9 @@ namespace pptam {
 
 namespace {
 
-constexpr int kQueueLength = 2;  // the tracker makes at most one keyframe per min_keyframe_interval_s
+// Keyframes that wait for the mapper, with the one that is held. Each has a whole pyramid. The tracker makes at most
+// one keyframe in Config::min_keyframe_interval_s, and none while the queue is full. Not swept.
+constexpr int kQueueLength = 2;
 
 }  // namespace
 

@@ -8,14 +8,21 @@ namespace pptam {
 
 namespace {
 
-constexpr float kMinSourceCosSlant = 0.5f;  // between viewing ray and a patch's normal in its new source: 60 degrees
-constexpr uint16_t kMaxSearches = 64;       // counted of a point, before older ones count half
+// Cosine of the angle between viewing ray and patch normal in a new source keyframe: 60 degrees, stricter than the 75
+// degrees at which a warp is given up (patch_search.cpp), so that the patch can be seen from other places. Not swept.
+constexpr float kMinSourceCosSlant = 0.5f;
+// Searches counted for a point. At this count attempts and finds are halved, so that recent searches weigh more. Not
+// swept.
+constexpr uint16_t kMaxSearches = 64;
+constexpr int kMinMeasurements = 2;  // of a map point: with one its depth is unknown
+// FNV-1a, 64 bits.
+constexpr uint64_t kHashPrime = 1099511628211ull, kHashStart = 14695981039346656037ull;
 
 class Hash {
  public:
   void add(const void* data, size_t bytes) {
     const auto* p = static_cast<const uint8_t*>(data);
-    for (size_t i = 0; i < bytes; ++i) value_ = (value_ ^ p[i]) * 1099511628211ull;
+    for (size_t i = 0; i < bytes; ++i) value_ = (value_ ^ p[i]) * kHashPrime;
   }
   void add_float(float x) {
     uint32_t bits;
@@ -27,7 +34,7 @@ class Hash {
   uint64_t value() const { return value_; }
 
  private:
-  uint64_t value_ = 14695981039346656037ull;
+  uint64_t value_ = kHashStart;
 };
 
 }  // namespace
@@ -40,7 +47,7 @@ Map::Map(Arena& arena, const Config& config)
       queue_(arena, config.camera.model, std::max(config.max_measured_points, config.max_initial_points)),
       neighbours_(arena, 2 * kMaxInitialKeyframes),
       max_measurements_per_point_(config.max_measurements_per_point),
-      max_further_(config.max_measurements) {
+      max_shared_(config.max_measurements) {
   for (int i = 0; i < keyframe_slots(config.max_keyframes, config.max_erased_keyframes); ++i) {
     const Keyframe keyframe(arena, config.camera.model);
     if (i < keyframes_.capacity()) keyframes_.push_back(keyframe);
@@ -94,7 +101,7 @@ int Map::add_point(const Vector3f& p_w, const PatchSource& source) {
 
 void Map::remove_point(int index) {
   MeasurementPool::List& list = points_[index].measurements;
-  further_ -= std::max(list.size() - 2, 0);
+  shared_used_ -= std::max(list.size() - kMinMeasurements, 0);
   measurements_.erase_all(&list);
   points_[index] = MapPoint();
 }
@@ -111,11 +118,11 @@ void Map::count_search(int index, bool was_found) {
 void Map::add_measurement(int point, const Measurement& measurement) {
   MeasurementPool::List& list = points_[point].measurements;
   if (list.size() > max_measurements_per_point_) return;
-  if (list.size() >= 2 && further_ == max_further_) {
+  if (list.size() >= kMinMeasurements && shared_used_ == max_shared_) {
     limits_hit_ |= kLimitMeasurements;
     return;
   }
-  further_ += list.size() >= 2;
+  shared_used_ += list.size() >= kMinMeasurements;
   const bool placed = measurements_.push_back(&list, measurement);
   PPTAM_ASSERT(placed);
   (void)placed;
@@ -131,7 +138,7 @@ void Map::set_weights(int point, const float* weights) {
 
 void Map::remove_measurement(int point, int i) {
   MeasurementPool::List& list = points_[point].measurements;
-  further_ -= list.size() > 2;
+  shared_used_ -= list.size() > kMinMeasurements;
   measurements_.erase(&list, i);
 }
 
@@ -209,7 +216,7 @@ void Map::erase_keyframe(int index) {
     for (const Measurement& m : measurements(points_[i])) {
       if (m.keyframe == index) {
         remove_measurement(i, j);
-        if (points_[i].measurements.size() < 2) remove_point(i);
+        if (points_[i].measurements.size() < kMinMeasurements) remove_point(i);
         break;
       }
       ++j;
@@ -250,7 +257,7 @@ void Map::forget_keyframe(int index) {
     const SE3& T_kw = keyframes_[best->keyframe].T_kw;
     const Vector3f p_k = T_kw * point.p_w;
     point.source.normal = T_kw.R * (gone.T_kw.R.transpose() * point.source.normal);
-    // Seen too much from the side the old plane explains nothing: it faces the new camera then.
+    // Where the new source sees the patch's plane at too steep a slant, the patch is taken to face the new source.
     if (-point.source.normal.dot(p_k) < kMinSourceCosSlant * p_k.norm()) point.source.normal = -p_k.normalized();
     point.source.keyframe = best->keyframe;
     point.source.px = best->at.px;
@@ -274,7 +281,7 @@ void Map::clear() {
   measurements_.clear();
   for (PartialPoint& point : partial_points_) point = PartialPoint();
   queue_.clear();
-  neighbour_count_ = further_ = 0;
+  neighbour_count_ = shared_used_ = 0;
   ready_ = full_ = moved_ = false;
   limits_hit_ = 0;
   ++epoch_;
@@ -340,16 +347,17 @@ void Map::check_consistency() const {
   for (const Keyframe& keyframe : keyframes_)
     PPTAM_ASSERT(keyframe.id == 0 || !keyframe.erased ||
                  (has_keyframe(keyframe.anchor) && keyframes_[keyframe.anchor].live()));
-  int further = 0;
+  int shared = 0;
   for (const MapPoint& point : points_) {
     if (point.id == 0) continue;
-    further += point.measurements.size() - 2;
+    shared += point.measurements.size() - kMinMeasurements;
     PPTAM_ASSERT(has_keyframe(point.source.keyframe));
-    PPTAM_ASSERT(point.measurements.size() >= 2 && point.measurements.size() <= max_measurements_per_point_ + 1);
+    PPTAM_ASSERT(point.measurements.size() >= kMinMeasurements &&
+                 point.measurements.size() <= max_measurements_per_point_ + 1);
     for (const Measurement& m : measurements(point))
       PPTAM_ASSERT(has_keyframe(m.keyframe) && keyframes_[m.keyframe].live());
   }
-  PPTAM_ASSERT(further == further_ && further <= max_further_);
+  PPTAM_ASSERT(shared == shared_used_ && shared <= max_shared_);
   for (const PartialPoint& partial : partial_points_)
     PPTAM_ASSERT(partial.id == 0 || has_keyframe(partial.source.keyframe));
 #endif

@@ -1,10 +1,10 @@
 // The map: keyframes, map points with their measurements, partial points, and the queue through which the tracker hands
 // over new keyframes. Tracking and mapping meet here and nowhere else.
 //
-// Everything has a fixed capacity from Config; entries are addressed by index, which stays valid while the entry
-// exists; empty slots have id 0. Others read; every change goes through a function here. Between two slices of mapping
-// the map is consistent (check_consistency): every measurement's keyframe is live, every point has at least two
-// measurements, every patch source exists. Keyframe 0 is the datum: it is live as long as there is a map.
+// Everything has a fixed capacity from Config. Entries are addressed by their slot's index, which stays valid while the
+// entry exists. Empty slots have id 0. Other classes read; every change goes through a function of Map. Between two
+// slices of mapping the map is consistent (check_consistency): every measurement's keyframe is live, every point has at
+// least two measurements, every patch source exists. Keyframe 0 is the datum: it is live as long as there is a map.
 //
 // Life: clear() ─▶ keyframes and points are added ─▶ finish(): poses may be shown ─▶ changes, unless locked ─▶ clear()
 //
@@ -22,7 +22,8 @@
 
 namespace pptam {
 
-// The most measurements of one point that a Config may keep; what is done with them has room for one more on the stack.
+// The most measurements of one point that a Config may keep. Functions that work on one point's measurements hold one
+// more on the stack, the one that culling judges: larger values need a deeper stack. The paper keeps 8 [phone 3.2].
 constexpr int kMaxMeasurementsPerPoint = 32;
 
 struct PatchSource {
@@ -36,8 +37,8 @@ struct MapPoint {
   Vector3f p_w = Vector3f::Zero();
   PatchSource source;
   MeasurementPool::List measurements;  // Map::measurements() reads them
-  uint16_t attempts = 0;  // searches by the tracker and in new keyframes, halved together with `found` when large
-  uint16_t found = 0;     // of these, inliers of the pose, or found in a new keyframe
+  uint16_t attempts = 0;  // searches by the tracker and in new keyframes, halved together with `found` at 64
+  uint16_t found = 0;     // successful searches: inliers of the pose, or found in a new keyframe
 };
 
 // A corner of one keyframe whose depth is not known yet [phone 5.2]: p_k = (x, y, 1) / q.
@@ -46,33 +47,38 @@ struct PartialPoint {
   PatchSource source;
   Vector3f ray = Vector3f::UnitZ();  // (x, y, 1): the unprojected source pixel
   float inverse_depth = 1;           // q, world units^-1
-  float information = 0;             // lambda = 1 / sigma^2 of q; 0: unknown
-  uint16_t attempts = 0;
-  uint16_t found = 0;
+  float information = 0;             // lambda = 1 / sigma^2 of q, world units^2; 0: unknown
+  uint16_t attempts = 0;             // searches
+  uint16_t found = 0;                // successful searches
 };
 
-// A frame next to an initial keyframe: what was measured in it tells how fast the camera was [phone 6].
+// The video frame before or after an initial keyframe. Its measurements give the camera's velocity [phone 6].
 struct NeighbourFrame {
-  int16_t keyframe = -1;
+  int16_t keyframe = -1;  // index of the initial keyframe
   int64_t timestamp_ns = 0;
   FixedVector<KeyframeMeasurement> measurements;
 };
+// Views that a start records for the map. The paper keeps two or three [phone 5.1]; two cannot tell structure from the
+// shutter's distortion. Each takes the memory of a keyframe. Not swept.
 constexpr int kMaxInitialKeyframes = 8;
-constexpr int kMinInitialPoints = 15;  // fewer make no map
+constexpr int kMinInitialPoints = 15;  // map points without which a start is given up; not swept
 
-// What a map may hold, for all of its numbers to be usable: a length or speed to the fourth power is still a float.
-constexpr float kMaxInMap = 1e8f;
-constexpr float kMinDepthInMap = 1e-8f;
-constexpr float kMaxInformationInMap = 1e30f;  // of an inverse depth
+// Bounds of the numbers in a map, so that all of them are usable: a length or speed to the fourth power is still a
+// float.
+constexpr float kMaxInMap = 1e8f;              // lengths in world units, speeds in world units/s or radians/s
+constexpr float kMinDepthInMap = 1e-8f;        // mean depths, and inverse depths
+constexpr float kMaxInformationInMap = 1e30f;  // of an inverse depth, world units^2
 
-// Slots of Map::keyframes(): live ones, the newcomer that culling judges, erased ones.
+// Slots of Map::keyframes(): live keyframes, one new keyframe while culling decides, erased keyframes.
 constexpr int keyframe_slots(int max_keyframes, int max_erased_keyframes) {
   return max_keyframes + 1 + max_erased_keyframes;
 }
-constexpr int kMaxKeyframes = 1000;  // that a Config may allow, live, and as many erased
+// Live keyframes that a Config may allow, and erased ones. Slots stay far below INT16_MAX, and map_parts() and the
+// reader of map files hold a few bytes for each slot on the stack.
+constexpr int kMaxKeyframes = 1000;
 constexpr int kMaxKeyframeSlots = keyframe_slots(kMaxKeyframes, kMaxKeyframes);
 
-// Places for measurements: two for each point, and those that are shared.
+// Places for measurements: two of each point's own, and those that all points share.
 inline int measurement_places(const Config& config) {
   return 2 * config.max_map_points + config.max_measurements;
 }
@@ -82,14 +88,14 @@ class Map {
   Map() = default;
   Map(Arena& arena, const Config& config);
 
-  // What is there.
+  // Contents.
   const FixedVector<Keyframe>& keyframes() const { return keyframes_; }                // slots
   const FixedVector<MapPoint>& points() const { return points_; }                      // slots
   const FixedVector<PartialPoint>& partial_points() const { return partial_points_; }  // slots
   MeasurementPool::Range measurements(const MapPoint& point) const { return measurements_.range(point.measurements); }
   bool measured_in(const MapPoint& point, int keyframe) const;
   int max_measurements_per_point() const { return max_measurements_per_point_; }
-  // Of the initial keyframes, one before and one after each.
+  // The frames next to the initial keyframes: at most one before and one after each.
   std::span<const NeighbourFrame> neighbours() const {
     return {neighbours_.data(), static_cast<size_t>(neighbour_count_)};
   }
@@ -98,25 +104,26 @@ class Map {
   int point_count() const;
   int live_count() const;    // keyframes
   int erased_count() const;  // keyframes
-  // How different two views are: the shift in mean depths plus the turn of the optical axis in radians, both of which
-  // move the image about as much.
+  // How different two views are: distance of the centres in mean depths of `a`, plus the turn of the optical axis in
+  // radians. One unit of either moves the image by about as much.
   static float view_distance(const Keyframe& a, const Keyframe& b);
-  // The live keyframe whose view is most like that of keyframe `index`, which is not considered itself, nor `except`.
+  // The live keyframe whose view is most like that of keyframe `index`; neither `index` nor `except`. -1: none.
   int nearest_live(int index, int except = -1) const;
-  uint64_t hash() const;  // FNV-1a over poses, erased ones' too, positions and measurements in index order
-  // LimitBits met since the last clear(); kLimitKeyframes while full(). A report: nothing is decided by it.
+  // FNV-1a over the poses of live and erased keyframes, the points' positions and their measurements, in index order.
+  uint64_t hash() const;
+  // LimitBits met since the last clear(), and kLimitKeyframes while full(). For TrackResult only: no decision uses it.
   uint32_t limits_hit() const { return limits_hit_ | (full_ ? static_cast<uint32_t>(kLimitKeyframes) : 0u); }
 
   // Life.
   bool exists() const { return keyframes_.size() > 0; }
   bool ready() const { return ready_; }  // initial bundle adjustment and alignment are done: poses may be shown
   void finish() { ready_ = true; }
-  bool locked() const { return locked_; }  // by the user: once it is ready it does not change any more
+  bool locked() const { return locked_; }  // by the user: a map that is ready does not change any more
   void set_locked(bool locked) { locked_ = locked; }
-  bool full() const { return full_; }  // no keyframe could be spared for the last newcomer
+  bool full() const { return full_; }  // no keyframe could be erased for the last new one
   void set_full(bool full) { full_ = full; }
-  void clear();  // keeps storage; ids go on
-  // Counts clear() and changes of scale by the user: tells the mapper that what it was doing has no object any more.
+  void clear();  // keeps storage; ids are not used again
+  // Counts clear() and changes of scale by the user. After either, the mapper drops the job that it was doing.
   uint32_t epoch() const { return epoch_; }
 
   // Changes of the world's coordinates, of all positions, poses and velocities: once after initialisation (mapper),
@@ -124,52 +131,52 @@ class Map {
   void apply(const Similarity& S);
   void change_scale(float scale);            // by the user
   bool can_change_scale(float scale) const;  // would all of the map's numbers be usable afterwards?
-  // All changes of coordinates since the last call, as one; false when there were none. The tracker moves its own
-  // state along.
+  // All changes of coordinates since the last call, as one similarity; false when there were none. The tracker applies
+  // it to its own state.
   bool take_transform(Similarity* S);
 
-  // Keyframes. add_keyframe moves images and state into a new one; its index, or -1 when all slots are taken. `frame`
-  // gets the slot's old storage in exchange.
+  // Keyframes. add_keyframe moves images and state into an empty slot and returns its index, or -1 when all slots are
+  // taken. `frame` gets the slot's old storage in exchange.
   int add_keyframe(Keyframe& frame);
   void move_keyframe(int index, const SE3& T_kw) { keyframes_[index].T_kw = T_kw; }
   void set_velocity(int index, const Vector6f& velocity) { keyframes_[index].velocity = velocity; }
   void set_velocity_prior(int index, const Vector6f& velocity) { keyframes_[index].velocity_prior = velocity; }
-  // Live to erased: its measurements go, and with them points that are left with fewer than two; it is anchored, and
-  // what was anchored to it anew. Not the datum.
+  // Turns a live keyframe into an erased one. Its measurements are removed, and so are points left with fewer than two.
+  // It is anchored to a live keyframe, and so are the keyframes that were anchored to it. Not for the datum.
   void erase_keyframe(int index);
-  // Ties an erased keyframe to the live one nearest to it, which is not `except`.
+  // Anchors an erased keyframe to the live keyframe nearest to it; not to `except`.
   void anchor_keyframe(int index, int except = -1);
-  // Empties the slot of an erased keyframe for good. Points whose patch source it was get another one among the
-  // keyframes that measure them; partial points go.
+  // Empties the slot of an erased keyframe. Points whose patch source it was get another source among the keyframes
+  // that measure them. Partial points of the keyframe are removed.
   void forget_keyframe(int index);
-  // Erased keyframes to where their anchors have moved: to be called after every change of live poses.
+  // Moves erased keyframes along with their anchors: to be called after every change of live poses.
   void follow_anchors();
-  // A frame next to an initial keyframe; its index.
+  // Adds a frame next to an initial keyframe; returns its index.
   int add_neighbour(int keyframe, int64_t timestamp_ns);
   void add_neighbour_measurement(int neighbour, const KeyframeMeasurement& measurement) {
     neighbours_[neighbour].measurements.push_back(measurement);
   }
 
-  // Points: the index of the new one, without measurements so far, or -1 when full.
+  // Points. add_point returns the index of the new point, without measurements so far, or -1 when the map is full.
   int add_point(const Vector3f& p_w, const PatchSource& source);
   void remove_point(int index);
   void move_point(int index, const Vector3f& p_w) { points_[index].p_w = p_w; }
   void set_normal(int index, const Vector3f& normal_k) { points_[index].source.normal = normal_k; }
   void count_search(int index, bool was_found);
-  // Not when the point has one more than max_measurements_per_point, or, from the third on, when all shared places are
-  // taken (limits_hit).
+  // Does nothing when the point has more than max_measurements_per_point already, or when it has two and all shared
+  // places are taken (limits_hit).
   void add_measurement(int point, const Measurement& measurement);
   void set_measurement(int point, int i, const Measurement& measurement);
   void set_weights(int point, const float* weights);  // one for each measurement, in order
   void remove_measurement(int point, int i);
 
-  // Partial points: the index of the new one, its depth unknown, or -1 when full.
+  // Partial points. add_partial_point returns the index of the new one, its depth unknown, or -1 when the map is full.
   int add_partial_point(const PatchSource& source, const Vector3f& ray, float inverse_depth);
   void remove_partial_point(int index) { partial_points_[index] = PartialPoint(); }
   void count_partial_search(int index, bool was_found);
   void set_depth(int index, float inverse_depth, float information);
 
-  // Asserts what the opening promises, where assertions are compiled in.
+  // Asserts the rules of a consistent map (top of this file), where assertions are compiled in.
   void check_consistency() const;
 
  private:
@@ -183,7 +190,7 @@ class Map {
   FixedVector<NeighbourFrame> neighbours_;  // size is the capacity
   int neighbour_count_ = 0;
   int max_measurements_per_point_ = 0;
-  int max_further_ = 0, further_ = 0;  // measurements beyond the first two of each point
+  int max_shared_ = 0, shared_used_ = 0;  // places for measurements beyond the first two of each point
   uint32_t next_id_ = 1;
   bool ready_ = false, locked_ = false, full_ = false;
   uint32_t limits_hit_ = 0;

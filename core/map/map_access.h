@@ -1,4 +1,4 @@
-// Writes into a map past its rules: for what restores a saved map, and for tests.
+// Writes into a map without the checks of Map's functions: for the reader of map files, and for tests.
 #pragma once
 
 #include "map/map.h"

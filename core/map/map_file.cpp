@@ -13,6 +13,7 @@ namespace pptam {
 
 namespace {
 
+// The format of map_file.h: changing one of these makes files of another version. Sizes are in bytes.
 constexpr char kMagic[] = "PPTAMMAP";
 constexpr size_t kMagicBytes = 8;
 constexpr uint32_t kVersion = 2;
@@ -23,9 +24,12 @@ constexpr size_t kMeasurementBytes = 20;
 constexpr size_t kPartialBytes = 44;
 constexpr size_t kCrcBytes = 4;
 
-constexpr uint32_t kErasedFlag = 1;
-// Of a rotation's rows and of a normal: a thousand times float32's rounding, a hundred times what a map ever shows.
+constexpr uint32_t kErasedFlag = 1;  // bit of a keyframe's flags
+// Error of the products of a rotation's rows, and of a normal's squared length: a thousand times float32's rounding, a
+// hundred times what a map ever shows.
 constexpr float kUnitTolerance = 1e-4f;
+constexpr float kMaxLineTime_s = 1;  // the exact bound is Config::validate()'s, on the whole readout
+constexpr uint32_t kCrcPolynomial = 0xEDB88320u;
 
 Status refused(const char* message) {
   return {StatusCode::kBadFile, message};
@@ -38,7 +42,7 @@ constexpr std::array<uint32_t, 256> make_crc_table() {
   std::array<uint32_t, 256> table = {};
   for (uint32_t i = 0; i < 256; ++i) {
     uint32_t value = i;
-    for (int bit = 0; bit < 8; ++bit) value = (value >> 1) ^ ((value & 1) != 0 ? 0xEDB88320u : 0u);
+    for (int bit = 0; bit < 8; ++bit) value = (value >> 1) ^ ((value & 1) != 0 ? kCrcPolynomial : 0u);
     table[i] = value;
   }
   return table;
@@ -74,7 +78,7 @@ class Writer {
   size_t used_ = 0;
 };
 
-// Reads out of a span; past its end everything is zero and failed() says so.
+// Reads out of a span. Past its end every value read is zero, and failed() is true.
 class Reader {
  public:
   explicit Reader(std::span<const std::byte> in) : in_(in) {}
@@ -128,7 +132,7 @@ bool is_rotation(const Matrix3f& R) {
   return error.cwiseAbs().maxCoeff() < kUnitTolerance && R.row(0).cross(R.row(1)).dot(R.row(2)) > 0;
 }
 
-struct Count {  // of one kind of entry
+struct Count {  // slots up to the last used one, and entries, of one kind
   uint32_t slots = 0, entries = 0;
 };
 template <class Slots>
@@ -149,12 +153,12 @@ struct Header {
   Camera camera;
   uint32_t next_id = 0;
   Count keyframes, points, partial_points;
-  uint32_t erased = 0;  // of the keyframes
-  uint32_t measurements = 0, most_of_a_point = 0;
+  uint32_t erased = 0;                             // of the keyframes
+  uint32_t measurements = 0, most_of_a_point = 0;  // of all points; of the point that has the most
 };
 
-// Beyond two of each point.
-int64_t further_measurements(const Header& header) {
+// Measurements beyond two of each point: they take shared places.
+int64_t shared_measurements(const Header& header) {
   return int64_t{header.measurements} - 2 * int64_t{header.points.entries};
 }
 
@@ -219,7 +223,7 @@ Status read_header(std::span<const std::byte> file, Checksum checksum, Header* h
   header->most_of_a_point = in.u32();
   if (width > INT16_MAX || height > INT16_MAX || distortion > static_cast<uint32_t>(Distortion::kEquidistant) ||
       axis > static_cast<uint32_t>(RollingShutter::Axis::kColumns) ||
-      !within(header->camera.shutter.line_time_s, -1, 1))
+      !within(header->camera.shutter.line_time_s, -kMaxLineTime_s, kMaxLineTime_s))
     return refused("the map's camera is nonsense");
   camera.width = static_cast<int>(width);
   camera.height = static_cast<int>(height);
@@ -227,7 +231,7 @@ Status read_header(std::span<const std::byte> file, Checksum checksum, Header* h
   header->camera.shutter.axis = static_cast<RollingShutter::Axis>(axis);
   const Status status = camera.validate();
   if (!status.ok()) return refused(status.message());
-  // The counts must be possible before anybody makes room for them.
+  // Entries must fit into the file's size, so that no reader trusts a count that is impossible.
   uint64_t least = kHeaderBytes + kCrcBytes;
   least += header->keyframes.entries * (kKeyframeBytes + uint64_t{width} * height);
   least += uint64_t{header->points.entries} * kPointBytes;
@@ -235,7 +239,7 @@ Status read_header(std::span<const std::byte> file, Checksum checksum, Header* h
   least += uint64_t{header->partial_points.entries} * kPartialBytes;
   if (header->most_of_a_point > kMaxMeasurementsPerPoint + 1)
     return refused("a map point has more measurements than any configuration allows");
-  if (further_measurements(*header) < 0) return refused("the map's counts do not fit its measurements");
+  if (shared_measurements(*header) < 0) return refused("the map's counts do not fit its measurements");
   bool possible = least <= header->bytes && header->erased < header->keyframes.entries;
   for (const Count& counted : {header->keyframes, header->points, header->partial_points})
     possible = possible && counted.entries <= counted.slots && counted.slots <= INT16_MAX;
@@ -243,7 +247,7 @@ Status read_header(std::span<const std::byte> file, Checksum checksum, Header* h
   return {};
 }
 
-// To the bit, as everything in a file: -0 is not 0.
+// Equal bits: -0 differs from 0.
 bool same(float a, float b) {
   return std::bit_cast<uint32_t>(a) == std::bit_cast<uint32_t>(b);
 }
@@ -264,7 +268,7 @@ Status check_fit(const Header& header, const Config& config) {
   const RollingShutter &made_by = header.camera.shutter, &given_by = config.camera.shutter;
   if (!same(made_by.line_time_s, given_by.line_time_s) || made_by.axis != given_by.axis)
     return mismatch("the map was made with another rolling shutter than Config::camera's");
-  // One more of either: the newcomer, when a map is saved while culling decides.
+  // One more live or erased keyframe than Config allows: a map may be saved while culling decides.
   const int erased = static_cast<int>(header.erased), live = static_cast<int>(header.keyframes.entries) - erased;
   if (live > config.max_keyframes + 1)
     return mismatch("the map has more keyframes than Config::max_keyframes: raise it");
@@ -273,9 +277,9 @@ Status check_fit(const Header& header, const Config& config) {
     return mismatch("the map has more erased keyframes than Config::max_erased_keyframes: raise it");
   if (static_cast<int>(header.points.slots) > config.max_map_points)
     return mismatch("the map has more map points than Config::max_map_points: raise it");
-  if (further_measurements(header) > config.max_measurements)
+  if (shared_measurements(header) > config.max_measurements)
     return mismatch("the map has more measurements than Config::max_measurements: raise it");
-  // One more until culling has judged it.
+  // One more measurement than Config allows: a map may be saved before culling has judged it.
   if (header.most_of_a_point > static_cast<uint32_t>(config.max_measurements_per_point + 1))
     return mismatch("a map point has more measurements than Config::max_measurements_per_point: raise it");
   if (static_cast<int>(header.partial_points.slots) > config.max_partial_points)
@@ -374,7 +378,7 @@ size_t write(const Map& map, const Config& config, uint64_t bytes, std::span<std
   return writer.used();
 }
 
-// Reads all that follows the header, and checks it; puts it into a map when there is one.
+// Reads and checks all that follows the header. Puts it into a map when there is one.
 class Body {
  public:
   Body(std::span<const std::byte> file, const Header& header, const Config& config)
@@ -560,7 +564,7 @@ class Body {
   const Header& header_;
   const Config& config_;
   Map* map_ = nullptr;
-  uint32_t measurements_ = 0, most_of_a_point_ = 0;  // so far
+  uint32_t measurements_ = 0, most_of_a_point_ = 0;  // of the points read so far
   std::array<Slot, kMaxKeyframeSlots> slots_ = {};
   std::array<uint32_t, kMaxKeyframeSlots> anchors_ = {};
 };
@@ -596,7 +600,7 @@ Status read_map_info(std::span<const std::byte> file, MapInfo* info) {
   info->min_keyframes = info->keyframes;
   info->min_erased_keyframes = static_cast<int>(header.keyframes.slots) - info->keyframes;
   info->min_map_points = static_cast<int>(header.points.slots);
-  info->min_measurements = static_cast<int>(further_measurements(header));
+  info->min_measurements = static_cast<int>(shared_measurements(header));
   info->min_measurements_per_point = static_cast<int>(header.most_of_a_point);
   info->min_partial_points = static_cast<int>(header.partial_points.slots);
   return {};

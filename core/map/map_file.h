@@ -1,10 +1,27 @@
 // A finished map as bytes, and back: what System::save_map and load_map read and write. Pure functions on the caller's
-// memory; files are the platform's business.
+// memory; the platform reads and writes files. The format is described below.
 //
-// Everything is little-endian and packed; u and i are integers, f is an IEEE float, of so many bits. "Slot" is an index
-// into the map's own vectors: entries keep theirs, so that a loaded map goes on bit by bit as the saved one would.
-// Images are level 0 alone: the pyramid and the small image are made from it again. A partial point's ray is that of
-// its source pixel. Frames as in map.h: T_kw takes world to keyframe, pixels are level 0.
+// Not in a file: keyframes in the queue and the mapper's job. After loading the mapper begins with a bundle adjustment.
+// Cost: about 8 ARMv6 instructions a byte, and a pyramid for each keyframe when loading. That is 20 to 30 million for a
+// full map of the phone profile, without a pause.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+
+#include <pocket_ptam/config.h>
+#include <pocket_ptam/map_info.h>
+#include "map/map.h"
+
+namespace pptam {
+
+// The format, version 2.
+//
+// Everything is little-endian and packed. u and i are integers, f is an IEEE float; the number behind is their bits.
+// "Slot" is an index into the map's own vectors. Entries keep their slots, so that a loaded map continues with the same
+// bits as the saved one. Images are level 0 only: pyramid and small image are made again from it. A partial point's ray
+// is made again from its source pixel. T_kw takes world to keyframe, pixels are level 0.
 //
 //   header, 120 bytes   u8[8] "PPTAMMAP"  u32 version (2)  u32 flags (0)  u64 bytes of the whole file
 //     camera            u32 width, height  f32 fx, fy, cx, cy  u32 distortion (as the enum)  f32[5] coefficients
@@ -20,38 +37,23 @@
 //     u32 slot, id  f32[3] p_w  source: u32 keyframe's slot, f32[2] px, f32[3] normal  u16 attempts, found
 //     u32 number of measurements, at least 2, each: u32 keyframe's slot, f32[2] px, u32 level, f32 weight
 //   partial points, by ascending slot, each 44 bytes
-//     u32 slot, id  source as above  f32 inverse_depth, information  u16 attempts, found
+//     u32 slot, id  source as of a map point  f32 inverse_depth, information  u16 attempts, found
 //   u32 CRC-32 (polynomial 0xEDB88320, as of zip and PNG) of all bytes before
-//
-// Not in a file: keyframes still in the queue, and what the mapper was doing; it starts again with a bundle adjustment.
-// Cost: about 8 ARMv6 instructions a byte, and a pyramid for each keyframe when loading: 20 to 30 million for a full
-// map of the phone's, in one go.
-#pragma once
-
-#include <cstddef>
-#include <cstdint>
-#include <span>
-
-#include <pocket_ptam/config.h>
-#include <pocket_ptam/map_info.h>
-#include "map/map.h"
-
-namespace pptam {
 
 // Bytes that write_map_file writes. The map is `ready`.
 size_t map_file_bytes(const Map& map, const Config& config);
 
-// The whole file into out, which is exactly that large.
+// Writes the whole file into out, whose size is map_file_bytes().
 void write_map_file(const Map& map, const Config& config, std::span<std::byte> out);
 
-// Header and checksum, whatever the configuration; *info is set only if they are good.
+// Checks header and checksum, for any configuration. *info is set only if both are good.
 Status read_map_info(std::span<const std::byte> file, MapInfo* info);
 
-// Everything: header, checksum, camera, capacities, every index and number. config.camera is prepared.
+// Checks everything: header, checksum, camera, capacities, every index and number. config.camera must be prepared.
 Status check_map_file(std::span<const std::byte> file, const Config& config);
 
-// A file that check_map_file found good, into a map of the same configuration that was just cleared. The map is `ready`
-// then.
+// Reads a file that check_map_file found good into a map of the same configuration that was just cleared. Afterwards
+// the map is ready().
 void read_map_file(std::span<const std::byte> file, const Config& config, Map& map);
 
 uint32_t crc32(std::span<const std::byte> bytes);

@@ -1,5 +1,5 @@
-// The measurements of all points in one pool: each point has a list of its own, so that a point costs what was measured
-// of it and no more. Lists keep their order; places are used again.
+// The measurements of all points in one pool. Each point has a linked list, so that it takes memory for its own
+// measurements only. Lists keep their order. Places of erased measurements are used again.
 #pragma once
 
 #include <pocket_ptam/camera.h>
@@ -77,7 +77,7 @@ class MeasurementPool {
     PPTAM_ASSERT(i >= 0 && i < list->count);
     return nodes_[*link(list, i)].measurement;
   }
-  // change(i, measurement) for each, in order.
+  // Calls change(i, measurement) for each measurement of the list, in order.
   template <class Change>
   void update(const List& list, Change&& change) {
     int i = 0;
@@ -95,14 +95,14 @@ class MeasurementPool {
   void erase_all(List* list) {
     while (list->count > 0) erase(list, 0);
   }
-  void clear() {  // all lists; they must be forgotten
+  void clear() {  // empties the pool: lists made before are invalid
     nodes_.resize(nodes_.capacity());
     for (int i = 0; i < nodes_.size(); ++i) nodes_[i].next = i + 1 < nodes_.size() ? i + 1 : -1;
     free_ = nodes_.empty() ? -1 : 0;
   }
 
  private:
-  // What points to the list's i-th node.
+  // Address of the index that leads to the list's i-th node.
   int32_t* link(List* list, int i) {
     int32_t* place = &list->first;
     for (; i > 0; --i) place = &nodes_[*place].next;
@@ -110,7 +110,7 @@ class MeasurementPool {
   }
 
   FixedVector<Node> nodes_;
-  int32_t free_ = -1;  // the first of those that are in no list
+  int32_t free_ = -1;  // first node of the chain of unused nodes; -1: none
 };
 
 }  // namespace pptam

@@ -8,13 +8,25 @@ namespace pptam {
 
 namespace {
 
-// Zero-mean energy of a template below which it is noise: 64 pixels with a standard deviation of 4 grey levels.
+// Zero-mean energy (grey levels^2) below which a template is noise: 64 pixels with a standard deviation of 4 grey
+// levels. Not swept.
 constexpr int32_t kMinEnergy = 64 * 4 * 4;
-// A match at this mean squared difference is accepted whatever the template's contrast: sensor noise of both images.
+// Zero-mean SSD (grey levels^2) at which a match is accepted whatever the template's contrast: 64 pixels that differ by
+// 3 grey levels rms, the sensor noise of both images. Not swept.
 constexpr int32_t kNoiseZmssd = 64 * 3 * 3;
-constexpr int kRefineSteps = 8;
-// Slant between viewing ray and patch plane beyond which the affine warp is worthless: 75 degrees.
+constexpr int kRefineSteps = 8;  // ESM iterations at most: bounds the time of one point; not swept
+// Cosine of the angle between viewing ray and patch normal: beyond 75 degrees an affine warp does not describe the
+// view. Not swept.
 constexpr float kMinCosSlant = 0.25f;
+// Component of a unit normal along x above which y serves as the auxiliary axis: about 1 / sqrt(2), so that the cross
+// product never vanishes.
+constexpr float kAxisSwitch = 0.7f;
+constexpr float kMinDeterminant = 1e-12f;  // px^2 per world unit^2: only guards the division
+// Determinants of a level-0 warp outside of this are out of reach for every pyramid level.
+constexpr float kMinWarpArea = 1e-3f, kMaxWarpArea = 1e3f;
+// Area of a template pixel in pixels of the source level, a ratio: within 1/4 to 4 [ptam 5.3]. A level is a factor of
+// 4; above 2 the next coarser level is nearer.
+constexpr float kMinSourceArea = 0.25f, kMaxSourceArea = 4.0f, kCoarserArea = 2.0f, kAreaPerLevel = 0.25f;
 
 }  // namespace
 
@@ -23,7 +35,7 @@ bool patch_affinity(const Camera& camera, const Vector3f& p_s, const Vector3f& n
   const Vector3f n_t = T_ts.R * n_s;
   if (-n_t.dot(p_t) < kMinCosSlant * p_t.norm()) return false;
   // Two tangents of the plane; a step along them moves the pixel by M_s in the source and M_t in the target.
-  const Vector3f axis = std::abs(n_s.x()) < 0.7f ? Vector3f::UnitX() : Vector3f::UnitY();
+  const Vector3f axis = std::abs(n_s.x()) < kAxisSwitch ? Vector3f::UnitX() : Vector3f::UnitY();
   const Vector3f e1 = n_s.cross(axis).normalized();
   const Vector3f e2 = n_s.cross(e1);
   Vector2f px;
@@ -33,7 +45,7 @@ bool patch_affinity(const Camera& camera, const Vector3f& p_s, const Vector3f& n
   M_s << J_s * e1, J_s * e2;
   M_t << J_t * (T_ts.R * e1), J_t * (T_ts.R * e2);
   const float det = M_s.determinant();
-  if (!(std::abs(det) > 1e-12f)) return false;
+  if (!(std::abs(det) > kMinDeterminant)) return false;
   *A_t_s = M_t * M_s.inverse();
   return A_t_s->allFinite();
 }
@@ -41,16 +53,16 @@ bool patch_affinity(const Camera& camera, const Vector3f& p_s, const Vector3f& n
 bool warp_template(const Pyramid& source, const Vector2f& source_px, const Matrix2f& A_t_s, int level,
                    PatchTemplate* patch) {
   const float det = A_t_s.determinant();
-  if (!(det > 1e-3f) || !(det < 1e3f)) return false;
-  // One template pixel covers det(A^-1) 4^level source pixels at level 0: choose the source level nearest to that.
+  if (!(det > kMinWarpArea) || !(det < kMaxWarpArea)) return false;
+  // One template pixel covers 4^level / det(A) source pixels at level 0: choose the source level nearest to that.
   const float area = static_cast<float>(1 << (2 * level)) / det;
   int source_level = 0;
   float scaled = area;
-  while (scaled > 2.0f && source_level < kPyramidLevels - 1) {
-    scaled *= 0.25f;
+  while (scaled > kCoarserArea && source_level < kPyramidLevels - 1) {
+    scaled *= kAreaPerLevel;
     ++source_level;
   }
-  if (scaled < 0.25f || scaled > 4.0f) return false;
+  if (scaled < kMinSourceArea || scaled > kMaxSourceArea) return false;
   const Matrix2f J_src_tpl = A_t_s.inverse() * (static_cast<float>(1 << level) / static_cast<float>(1 << source_level));
   const Vector2f centre(from_level0(source_px.x(), source_level), from_level0(source_px.y(), source_level));
   return warp_patch(source.level[source_level], centre, J_src_tpl, patch) && patch->energy() >= kMinEnergy;

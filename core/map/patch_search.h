@@ -8,16 +8,16 @@
 
 namespace pptam {
 
-// Nothing is searched whose prediction is nearer to the image's edge, level-0 pixels: half a template and the search
-// circle of L1.
+// Points predicted nearer than this to the image's edge are not searched. Level-0 pixels: 8 for half a template of L1,
+// and half of the search radius of 8. Not swept.
 constexpr float kSearchBorder_px = 12.0f;
 
 // Where the search happens.
 struct SearchOptions {
   int level = 1;        // pyramid level searched: 1, or 2 for blurred frames [phone 4]
-  float radius_px = 4;  // in that level's pixels
+  float radius_px = 4;  // in that level's pixels [phone 4]
   // Largest zero-mean SSD, as a fraction of the template's own zero-mean energy: 1 - NCC^2 for equal contrast. Lower
-  // loses points to blur and slant, higher takes accidental matches. A starting point: it has not been swept.
+  // loses points to blur and slant, higher takes accidental matches. Not swept.
   float max_relative_zmssd = 0.4f;
   bool refine = true;
 };
@@ -29,8 +29,8 @@ enum class SearchOutcome : uint8_t {
 };
 
 // Affine map from level-0 pixels of the source to level-0 pixels of the target, for a patch at p_s (source camera's
-// frame) on the plane with normal n_s; T_ts takes source to target. False when p is not projectable in both or the
-// plane is seen edge-on.
+// frame) on the plane with normal n_s; T_ts takes source to target. False when p_s does not project in both, or the
+// target sees the plane at over 75 degrees from its normal.
 bool patch_affinity(const Camera& camera, const Vector3f& p_s, const Vector3f& n_s, const SE3& T_ts, Matrix2f* A_t_s);
 
 // Warps the patch at source_px of the source pyramid by A (target level 0 from source level 0) for a search in
@@ -47,15 +47,15 @@ SearchOutcome find_template(const Pyramid& target, const PatchTemplate& patch, c
 // inside.
 bool predict_in_keyframe(const Map& map, const Camera& camera, int keyframe, const Vector3f& p_w,
                          PredictedPoint* predicted);
-constexpr int64_t kPredictionInstructions = 700;  // of that, as counted for the ARM1176
+constexpr int64_t kPredictionInstructions = 700;  // of one predict_in_keyframe(), as counted for the ARM1176
 
 // Finds patches of the map's keyframes in other images.
 class PatchFinder {
  public:
   PatchFinder(const Map& map, const Camera& camera, WorkMeter& meter) : map_(map), camera_(camera), meter_(meter) {}
 
-  // Of a map point or partial point at p_w, whose patch is `source`, where it is predicted. *found is set when it was
-  // found.
+  // Searches for the patch `source` of a map point or partial point at p_w around `predicted`. Sets *found only on
+  // kFound.
   SearchOutcome find(const PatchSource& source, const Vector3f& p_w, const PredictedPoint& predicted,
                      const Pyramid& target, const SearchOptions& options, ImagePoint* found) const;
 

@@ -1,6 +1,7 @@
-// The inner loop of bundle adjustment: C -= A B^T on blocks of 6x6 and panels of 6 rows, stored by columns.
+// The inner loop of bundle adjustment: C -= A B^T. C is a block of 6x6, A and B are panels of 6 rows, stored by
+// columns.
 //
-// Every element of C is one sum in the order of the panels' columns, so that the variants give the same bits.
+// Every element of C is summed in the order of the panels' columns, so that the variants give the same bits.
 #pragma once
 
 #if defined(__SSE2__)
@@ -9,11 +10,11 @@
 
 namespace pptam {
 
-constexpr int kBlock = 6;                       // rows and columns
+constexpr int kBlock = 6;                       // rows and columns of a block: a pose or a velocity
 constexpr int kBlockNumbers = kBlock * kBlock;  // element (r, c) of a block at c * kBlock + r
 
-// C -= A B^T with panels A and B of `depth` columns, a multiple of 3. Three columns of C at a time are 18 sums in
-// registers, which a VFP has 32 of: nine loads for 18 multiply-subtracts.
+// C -= A B^T with panels A and B of `depth` columns, a multiple of 3. Three columns of C are summed at a time: these 18
+// sums fit into the 32 registers of a VFP, and nine loads serve 18 multiply-subtracts.
 template <class Scalar>
 inline void subtract_product_plain(Scalar* c, const Scalar* a, const Scalar* b, int depth) {
   constexpr int kColumns = 3;
@@ -46,7 +47,8 @@ inline void subtract_product(Scalar* c, const Scalar* a, const Scalar* b, int de
 }
 
 #if defined(__SSE2__)
-// Two columns of C are three vectors of four: rows 0-3; rows 4, 5 and, of the second, 0, 1; rows 2-5.
+// Two columns of C are three vectors of four numbers: rows 0-3 of the first column; rows 4, 5 of the first and 0, 1 of
+// the second; rows 2-5 of the second.
 inline void subtract_product(float* c, const float* a, const float* b, int depth) {
   __m128 sum[9];
 #pragma GCC unroll 9

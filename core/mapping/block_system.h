@@ -2,9 +2,9 @@
 // order.
 //
 // Only the lower triangle is kept, block row after block row. A block is stored by columns, so that the blocks
-// (i, k) ... (i, j - 1) of a row lie in memory as one panel of 6 (j - k) columns of 6 numbers, and everything that
-// costs is one operation on two panels: C -= A B^T. Within a row nothing is touched before its first block that is not
-// zero: the factor fills only what lies between that and the diagonal (its envelope).
+// (i, k) ... (i, j - 1) of a row lie in memory as one panel of 6 (j - k) columns of 6 numbers. Nearly all of the work
+// is one operation on two panels: C -= A B^T. A row is computed from its first non-zero block on: the factor is zero
+// before it (outside of the envelope).
 //
 // Factorising and solving advance by one block or row a call, so that the caller can pause in between.
 #pragma once
@@ -29,7 +29,7 @@ class BlockSystem {
 
   int max_rows() const { return first_.capacity(); }
   int rows() const { return rows_; }
-  // Zero, of so many block rows; row by row.
+  // Sets the number of block rows. Each row has to be cleared by clear_row() then.
   void resize(int rows) {
     rows_ = rows;
     blocks_.resize(rows * (rows + 1) / 2 * kBlockNumbers);
@@ -43,17 +43,17 @@ class BlockSystem {
     first_[row] = static_cast<int16_t>(row);
   }
 
-  // row >= column; of a diagonal block only the lower triangle counts.
+  // Block of S, row >= column. Only the lower triangle of a diagonal block is read.
   Scalar* block(int row, int column) { return blocks_.data() + (row * (row + 1) / 2 + column) * kBlockNumbers; }
   Scalar* rhs(int row) { return rhs_.data() + row * kBlock; }  // after solving: the solution
-  // Says that the block is not zero.
+  // Declares the block (row, column) as non-zero.
   void connect(int row, int column) {
     if (column < first_[row]) first_[row] = static_cast<int16_t>(column);
   }
-  int first(int row) const { return first_[row]; }
+  int first(int row) const { return first_[row]; }  // column of the row's first non-zero block
 
-  // S = L L^T: the block (row, column) of L in place of that of S, after all blocks before it in the row and all rows
-  // before. False when S is not positive definite.
+  // S = L L^T: replaces the block (row, column) of S by that of L. All rows before and all blocks before it in the row
+  // must be factorised. False when S is not positive definite.
   bool factorise(int row, int column) {
     const int from = std::max(first_[row], first_[column]);
     if (from < column)
@@ -62,9 +62,10 @@ class BlockSystem {
     divide_by_diagonal(block(row, column), column);
     return true;
   }
+  // Block products that factorise(row, column) takes.
   int products(int row, int column) const { return std::max(0, column - std::max(first_[row], first_[column])); }
 
-  // L y = b, rows in ascending order.
+  // One row of L y = b; rows in ascending order.
   void solve_forward(int row) {
     const int from = first_[row];
     const Scalar* column = block(row, from);
@@ -79,7 +80,7 @@ class BlockSystem {
     }
     std::copy_n(x, kBlock, rhs(row));
   }
-  // L^T x = y, rows in descending order.
+  // One row of L^T x = y; rows in descending order.
   void solve_backward(int row) {
     Scalar x[kBlock];
     const Scalar* diagonal = block(row, row);
@@ -100,11 +101,14 @@ class BlockSystem {
   }
 
  private:
+  // Smallest pivot of a positive definite S, in S's own units: far below any damped diagonal. Not swept.
+  static constexpr Scalar kMinPivot = Scalar(1e-12);
+
   bool factorise_diagonal(int row) {
     Scalar* d = block(row, row);
     for (int c = 0; c < kBlock; ++c) {
       const Scalar pivot = d[c * kBlock + c];
-      if (!(pivot > Scalar(1e-12))) return false;
+      if (!(pivot > kMinPivot)) return false;
       const Scalar inverse = Scalar(1) / std::sqrt(pivot);
       inverse_diagonal_[row * kBlock + c] = inverse;
       for (int r = c; r < kBlock; ++r) d[c * kBlock + r] *= inverse;
@@ -113,7 +117,7 @@ class BlockSystem {
     }
     return true;
   }
-  // C <- C L^-T, L the factor's diagonal block.
+  // C <- C L^-T, where L is the diagonal block (row, row) of the factor.
   void divide_by_diagonal(Scalar* c, int row) {
     const Scalar* d = block(row, row);
     const Scalar* inverse = inverse_diagonal_.data() + row * kBlock;
@@ -131,7 +135,7 @@ class BlockSystem {
 
   int rows_ = 0;
   FixedVector<Scalar> blocks_, rhs_, inverse_diagonal_;
-  FixedVector<int16_t> first_;  // column of a row's first block that is not zero
+  FixedVector<int16_t> first_;  // of each row: column of its first non-zero block
 };
 
 }  // namespace pptam

@@ -9,14 +9,27 @@ namespace pptam {
 
 namespace {
 
-constexpr int kLocalCameras = 5;  // the newest and its four nearest [ptam 6.3]
-constexpr int kMinPoints = 6;
+constexpr int kLocalCameras = 5;  // the newest keyframe and the four nearest to it [ptam 6.3]
+constexpr int kMinPoints = 6;     // points without which nothing is adjusted; not swept
 
-// An outlier's second search. Only where so many good measurements say where the point is: with two, which always
-// agree along their epipolar lines, a wrong point among repeated texture finds its confirmation.
+// Second search of an outlier [ptam 6.4]. Good measurements that the point must have: two always agree along their
+// epipolar lines, so that before repeated texture they would confirm a wrong point.
 constexpr int kMinGoodToSearch = 3;
-constexpr float kMaxSecondSearch_px = 1.5f;  // of the level searched; the tracker's radius is 4
-constexpr float kSecondSearchZmssd = 0.3f;   // SearchOptions::max_relative_zmssd
+// Radius of the second search, pixels of the level searched. One pixel reaches the nearest whole positions; the upper
+// bound is well below the tracker's 4, so that the outlier itself is not found again. Not swept.
+constexpr float kMinSecondSearch_px = 1.0f, kMaxSecondSearch_px = 1.5f;
+// SearchOptions::max_relative_zmssd of the second search, stricter than the first one's. Not swept.
+constexpr float kSecondSearchZmssd = 0.3f;
+constexpr float kMinExtent = 1e-3f;  // of an adjusted map, relative to before: a smaller one has collapsed; not swept
+
+// ARMv6 instructions, estimates. The sum over a run's mapping is within 10 % of the count (tests/budget).
+constexpr int64_t kCopyCameraInstructions = 400;       // a keyframe into the engine
+constexpr int64_t kCopyObservationInstructions = 215;  // a measurement into the engine
+constexpr int64_t kTestObservationInstructions = 20;   // a measurement of a point that no free keyframe sees
+constexpr int64_t kDistanceInstructions = 300;         // a keyframe compared, in one round of choosing the local ones
+constexpr int64_t kCommitPointInstructions = 20;
+constexpr int64_t kFollowAnchorInstructions = 200;  // an erased keyframe that follows its anchor
+constexpr int64_t kWeighPointInstructions = 30, kWeighObservationInstructions = 25;  // discard_outliers()
 
 Vector6f prior_information(float mean_depth) {
   const float translation = kVelocitySigmaTranslation * mean_depth;
@@ -28,7 +41,8 @@ Vector6f prior_information(float mean_depth) {
 
 BundleCapacity capacity(const Config& config) {
   BundleCapacity capacity;
-  // One a slot of Map::keyframes, so that indices are the same; erased and empty ones are neither free nor observed.
+  // One camera for each slot of Map::keyframes(), so that indices are the same. Cameras of erased keyframes and empty
+  // slots are neither free nor observed.
   capacity.cameras = keyframe_slots(config.max_keyframes, config.max_erased_keyframes);
   capacity.points = config.max_map_points;
   capacity.observations = measurement_places(config);
@@ -76,8 +90,8 @@ Task<> BundleAdjuster::run(int newest, bool velocities, int max_iterations) {
   }
 }
 
-// The snapshot. The map's geometry is changed by the mapper alone, which is this very coroutine's caller: taking it in
-// several slices is safe.
+// Copies the map into the engine. Several slices may pass meanwhile: only the mapper changes the map's geometry, and it
+// waits for this coroutine.
 Task<> BundleAdjuster::gather(int newest, bool velocities) {
   engine_.clear();
   point_indices_.clear();
@@ -88,7 +102,7 @@ Task<> BundleAdjuster::gather(int newest, bool velocities) {
     camera.prior_information = prior_information(keyframe.mean_depth);
     engine_.cameras().push_back(camera);
   }
-  meter_.charge(Work::kOther, 400LL * map_.keyframes().size());
+  meter_.charge(Work::kOther, kCopyCameraInstructions * map_.keyframes().size());
   co_await free_cameras(newest, velocities);
   for (int i = 0; i < map_.points().size(); ++i) {
     const MapPoint& point = map_.points()[i];
@@ -99,7 +113,7 @@ Task<> BundleAdjuster::gather(int newest, bool velocities) {
       seen_by_free |= camera.pose_free || camera.velocity_free;
     }
     if (!seen_by_free) {
-      co_await background_.spend(Work::kOther, 20LL * point.measurements.size());
+      co_await background_.spend(Work::kOther, kTestObservationInstructions * point.measurements.size());
       continue;
     }
     Engine::Point entry;
@@ -129,12 +143,12 @@ Task<> BundleAdjuster::gather(int newest, bool velocities) {
     entry.count = engine_.observations().size() - entry.first;
     engine_.points().push_back(entry);
     point_indices_.push_back(i);
-    co_await background_.spend(Work::kOther, 215LL * entry.count);
+    co_await background_.spend(Work::kOther, kCopyObservationInstructions * entry.count);
   }
 }
 
-// All, or the newest and the nearest to it. The first keyframe's pose is the datum; its velocity may be free all the
-// same.
+// Frees all live keyframes, or `newest` and the nearest to it. The first keyframe's pose is the datum and never free;
+// its velocity may be free.
 Task<> BundleAdjuster::free_cameras(int newest, bool velocities) {
   FixedVector<Engine::Camera>& cameras = engine_.cameras();
   if (newest < 0) {
@@ -160,17 +174,18 @@ Task<> BundleAdjuster::free_cameras(int newest, bool velocities) {
     if (best < 0) break;
     cameras[best].pose_free = true;
     cameras[best].velocity_free = velocities;
-    co_await background_.spend(Work::kOther, 300LL * cameras.size());
+    co_await background_.spend(Work::kOther, kDistanceInstructions * cameras.size());
   }
 }
 
-// Scales the state about the first camera so that the last one stays as far from it as it was.
+// Scales the state about the first camera's centre so that the last camera keeps its distance from it. T_last: pose of
+// the last camera before the adjustment.
 void BundleAdjuster::hold_scale(const SE3& T_last) {
   FixedVector<Engine::Camera>& cameras = engine_.cameras();
   const auto centre = [](const Engine::State& camera) { return Vector3f(-(camera.R.transpose() * camera.t)); };
   const Vector3f origin = centre(cameras[0].now);
   const float before = (T_last.centre() - origin).norm(), after = (centre(cameras.back().now) - origin).norm();
-  if (!(before > 0) || !(after > 1e-3f * before)) return;
+  if (!(before > 0) || !(after > kMinExtent * before)) return;
   const float scale = before / after;
   for (Engine::Camera& camera : cameras) {
     camera.now.t = -(camera.now.R * (origin + scale * (centre(camera.now) - origin)));
@@ -179,10 +194,10 @@ void BundleAdjuster::hold_scale(const SE3& T_last) {
   for (Engine::Point& point : engine_.points()) point.p = origin + scale * (point.p - origin);
 }
 
-// One accepted step, as a whole, into the map.
+// Writes one accepted step into the map, as a whole.
 void BundleAdjuster::commit() {
-  // A map that is not shown yet drifts in scale, which nothing else holds; the tracker follows it with a pose of the
-  // scale that it was built with.
+  // Nothing else fixes the scale of a map that is not ready yet. The tracker already tracks with that map at its
+  // initial scale, so the scale has to stay.
   if (!map_.ready()) hold_scale(map_.keyframes()[map_.keyframes().size() - 1].T_kw);
   for (int k = 0; k < engine_.cameras().size(); ++k) {
     const Engine::Camera& camera = engine_.cameras()[k];
@@ -191,19 +206,20 @@ void BundleAdjuster::commit() {
   }
   for (int i = 0; i < point_indices_.size(); ++i) map_.move_point(point_indices_[i], engine_.points()[i].p);
   map_.follow_anchors();
-  meter_.charge(Work::kOther, 20LL * point_indices_.size() + 200LL * map_.erased_count());
+  meter_.charge(Work::kOther,
+                kCommitPointInstructions * point_indices_.size() + kFollowAnchorInstructions * map_.erased_count());
 }
 
-// A measurement's second chance [ptam 6.4]: sought again, no further from where the point should be than an inlier is.
-// What made it an outlier is further away than that, so that the same thing is not found twice.
+// Measures an outlier a second time [ptam 6.4], within an inlier's distance of the point's prediction. The first
+// measurement lies further away than that, so that it is not found again.
 bool BundleAdjuster::measure_again(const MapPoint& point, Measurement* measurement) {
   const Keyframe& keyframe = map_.keyframes()[measurement->keyframe];
   PredictedPoint predicted;
   meter_.charge(Work::kPointProjected, 1);
   if (!config_.camera.project_rolling(keyframe.T_kw, keyframe.velocity, point.p_w, &predicted)) return false;
   SearchOptions options;
-  // A sigma is a pixel of the level that was searched; within one pixel the nearest whole positions lie.
-  options.radius_px = std::clamp(kTukeyCutoff * engine_.sigma(), 1.0f, kMaxSecondSearch_px);
+  // A measurement's sigma is one pixel of the level searched, so the engine's sigma is in pixels of that level.
+  options.radius_px = std::clamp(kTukeyCutoff * engine_.sigma(), kMinSecondSearch_px, kMaxSecondSearch_px);
   options.max_relative_zmssd = kSecondSearchZmssd;
 
   ImagePoint found;
@@ -214,8 +230,8 @@ bool BundleAdjuster::measure_again(const MapPoint& point, Measurement* measureme
   return true;
 }
 
-// Measurements keep their weights; those of zero are replaced or forgotten. A point whose source view is one, or which
-// is left with fewer than two, goes.
+// Stores the weights of all measurements. Measurements of zero weight are replaced by a second search or removed. A
+// point is removed when its source's measurement has zero weight, or when it is left with fewer than two measurements.
 Task<> BundleAdjuster::discard_outliers() {
   for (int i = 0; i < point_indices_.size(); ++i) {
     const Engine::Point& entry = engine_.points()[i];
@@ -242,7 +258,7 @@ Task<> BundleAdjuster::discard_outliers() {
       }
     }
     if (source_is_outlier || point.measurements.size() < 2) map_.remove_point(index);
-    co_await background_.spend(Work::kOther, 30 + 25LL * entry.count);
+    co_await background_.spend(Work::kOther, kWeighPointInstructions + kWeighObservationInstructions * entry.count);
   }
 }
 

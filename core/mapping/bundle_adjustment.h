@@ -1,12 +1,12 @@
-// Bundle adjustment of keyframes and points [ptam 6.3, phone 3], in slices: what the engine gets from the map, and what
-// goes back.
+// Bundle adjustment of keyframes and points [ptam 6.3, phone 3], in slices: copies the map into the engine and accepted
+// steps back into the map.
 //
-// The engine (mapping/bundle_engine.h) works on a snapshot; whole accepted steps are committed, so that the tracker
-// never sees a half-updated map. It stops between steps when a new keyframe waits. A step that fails leaves everything
-// as it was.
+// The engine (mapping/bundle_engine.h) works on a snapshot. Accepted steps are committed as a whole, so that the
+// tracker never sees a half-updated map. Adjustment stops between steps when a new keyframe waits. A step that fails
+// changes nothing.
 //
 // Rolling shutter: a measurement is predicted at its own line's time with the keyframe's velocity. Beyond [phone 6] the
-// velocities may be unknowns too, with a prior from the tracker: each then takes a column beside that of its pose.
+// velocities may be unknowns too, with a prior from the tracker: a free velocity takes a column of its own.
 #pragma once
 
 #include "map/map.h"
@@ -16,25 +16,28 @@
 
 namespace pptam {
 
-// With more free keyframes than this, velocities are held: twice the columns cost four to eight times as much.
+// Free keyframes up to which velocities are unknowns too: twice the columns cost four to eight times as much. Counted,
+// in million instructions an iteration: 7.7 against 35.4 with 35 keyframes and 300 points; 8.8 with 16 keyframes, 150
+// points and velocities. Free velocities gain nothing over ones estimated between adjustments (tests/MEASURED.md).
 constexpr int kMaxVelocityCameras = 16;
 
 struct BundleResult {
   bool converged = false;  // otherwise interrupted, or out of iterations
   int iterations = 0;      // accepted steps
-  float initial_cost = 0;  // Tukey, at the scale of each end
-  float final_cost = 0;
-  float sigma = 0;  // robust scale at the end, units of the measurements' sigma
+  float initial_cost = 0;  // Tukey cost before the first step, at the scale estimated there
+  float final_cost = 0;    // Tukey cost after the last step, at the scale of that step
+  float sigma = 0;         // robust scale at the end, units of the measurements' sigma
 };
 
 class BundleAdjuster {
  public:
   BundleAdjuster(Arena& arena, const Config& config, Map& map, WorkMeter& meter, Background& background);
 
-  // Adjusts all live keyframes but the first's pose (newest = -1), or the newest and its four nearest with the others
-  // fixed [ptam 6.3]; their velocities too if asked for. Afterwards measurements of zero weight are searched again, and
-  // those not found removed, with points left with fewer than two. Erased keyframes follow every step. A coroutine of
-  // `background`. result may be read when it has ended.
+  // newest = -1: adjusts all live keyframes but the first, whose pose is the datum. Otherwise: adjusts `newest` and the
+  // four keyframes nearest to it, with the others fixed [ptam 6.3]. With `velocities`, the velocities of up to
+  // kMaxVelocityCameras free keyframes too. After convergence measurements of zero weight are searched again or
+  // removed, and points with fewer than two measurements are removed. Erased keyframes follow every step. A coroutine
+  // of `background`. result() may be read when it has ended.
   Task<> run(int newest, bool velocities, int max_iterations);
   const BundleResult& result() const { return result_; }
 
@@ -61,7 +64,7 @@ class BundleAdjuster {
   Background& background_;
   PatchFinder finder_;
   Engine engine_;
-  FixedVector<int32_t> point_indices_;  // of the engine's points, in Map::points
+  FixedVector<int32_t> point_indices_;  // of each of the engine's points: its index in Map::points()
   BundleResult result_;
 };
 

@@ -1,23 +1,23 @@
-// Bundle adjustment without a map [ptam 6.3]: cameras, points, observations in, better cameras and points out.
+// Bundle adjustment on plain cameras, points and observations, without a map [ptam 6.3].
 //
 // Minimises  sum_i rho(|e_i|^2) + 1/2 sum_k |(v_k - v0_k) / sigma_k|^2 sigma^2  over poses, velocities and points,
 // where
 //   e_i = (m_i - project(p_c)) / sigma_i,  p_c = q + dt_i (v + w x q),  q = R p + t,
-// rho is the Tukey biweight at the robust scale sigma, and the priors of the velocities (v, w) are weighed as the
-// observations. By Levenberg-Marquardt:
+// rho is the Tukey biweight at the robust scale sigma. The priors of the velocities (v, w) have the factor sigma^2, so
+// that they keep their weight against the observations. Minimised by Levenberg-Marquardt:
 //
-//   measure ──▶ scale ──▶ linearise ──▶ reduce(lambda) ──▶ solve ──▶ step ──▶ measure ──▶ better? ──▶ the state
+//   measure ──▶ scale ──▶ linearise ──▶ reduce(lambda) ──▶ solve ──▶ step ──▶ measure ──▶ better? ──▶ accept
 //                 ▲                        └──────────── no: lambda grows ─────────────┘ │ yes
 //                 └──────────────────────────────────────────────────────────────────────┘
 //
 // The points are eliminated. For point i with normal equations V = L L^T (damped) and couplings W_a to the columns of
 // its cameras,
 //   Y_a = W_a L^-T,  S_ab -= Y_a Y_b^T,  b_a -= Y_a L^-1 e_p,  and back:  dp = L^-T (L^-1 e_p - sum_a Y_a^T d_a).
-// A pose is one column of 6x6 blocks and a velocity another, so that nothing here or in BlockSystem depends on what is
-// free. N points, T observations each, M columns: O(NT) projections, O(NT^2) block products, O(M^3) solve.
+// A free pose is one column of 6x6 blocks and a free velocity another. N points, T observations each, M columns: O(NT)
+// projections, O(NT^2) block products, O(M^3) solve.
 //
-// Every part is a coroutine that may pause after each point or block; sums are taken in the order of the points and
-// observations, so that pauses change nothing. Scalar is float in the library; tests build it with double.
+// Every part is a coroutine that may pause after each point or block. Sums are taken in the order of points and
+// observations, so that pauses change no bit. Scalar is float in the library; tests build it with double.
 #pragma once
 
 #include <Eigen/Core>
@@ -42,19 +42,21 @@ struct BundleCapacity {
 };
 
 struct BundleOptions {
-  float sigma = 0;             // robust scale, units of the observations' sigma; 0: estimated; infinite: least squares
-  float converged_at = 1e-3f;  // relative fall of the cost by an accepted step
+  float sigma = 0;  // robust scale, units of the observations' sigma; 0: estimated; infinite: least squares
+  // Relative fall of the cost by an accepted step under which adjustment has converged, a ratio. Nine of ten synthetic
+  // maps then take at most eight iterations (tests/unit). Not swept.
+  float converged_at = 1e-3f;
 };
 
 enum class BundleOutcome : uint8_t {
-  kAccepted,   // the state has become better
-  kRejected,   // it stays; the next attempt is more careful
-  kConverged,  // it has become better by so little that the end is reached
-  kExhausted,  // it stays, and no step makes it better
+  kAccepted,   // the cost has fallen
+  kRejected,   // the state is unchanged; the next attempt takes a shorter step
+  kConverged,  // the cost has fallen by less than BundleOptions::converged_at
+  kExhausted,  // the state is unchanged; no step lowers the cost
 };
 
-// Projection: bool project(int camera, const Vector3& p_c, Vector2* px) const, and the same with Matrix23* J, where
-// J = d(px)/d(p_c); false when p_c cannot be seen.
+// Projection has two functions: bool project(int camera, const Vector3& p_c, Vector2* px) const, and one with a further
+// argument Matrix23* J for d(px)/d(p_c). Both return false when p_c cannot be seen.
 template <class Scalar, class Projection>
 class BundleEngine {
  public:
@@ -80,16 +82,16 @@ class BundleEngine {
     Vector3 p = Vector3::Zero(), tried = Vector3::Zero();
     Scalar V[6] = {};       // lower triangle by columns
     Scalar e[3] = {};       // B^T w e
-    Scalar factor[6] = {};  // L of the damped V, with the diagonal's inverse
+    Scalar factor[6] = {};  // L of the damped V, with the inverse of its diagonal, by columns
   };
   struct Observation {
     Vector2 px = Vector2::Zero();
     Scalar inverse_sigma = 1;
-    Scalar dt_s = 0;      // of its line
+    Scalar dt_s = 0;      // time of its line relative to the frame's timestamp
     Scalar weight = 0;    // at the last linearisation; 0: an outlier
     Scalar error_sq = 0;  // of the last state measured; kUnseen when it does not project
     int16_t camera = 0;
-    int16_t tag = 0;  // the owner's
+    int16_t tag = 0;  // for the caller's use
   };
 
   BundleEngine(Arena& arena, const BundleCapacity& capacity, const Projection& projection, WorkMeter& meter,
@@ -118,28 +120,49 @@ class BundleEngine {
     points_.clear();
     observations_.clear();
   }
-  // Numbers what is free. False when that is more than the capacity.
+  // Gives every free pose and velocity a column. False when there are more than the capacity.
   bool assign_columns();
   int columns() const { return columns_; }
-  // The errors at the start.
+  // Resets the solver and measures the errors of the start.
   Task<> start(const BundleOptions& options);
-  // The scale and the linear problem at the present state; nothing to do if it has not changed.
+  // Estimates the scale and linearises at the present state. Does nothing if the state has not changed.
   Task<> linearise();
-  // One step from there, and what became of it, in outcome().
+  // One step from the last linearisation; its result is outcome().
   Task<> attempt();
   BundleOutcome outcome() const { return outcome_; }
-  Scalar cost() const { return cost_; }  // of the state, at scale sigma()
+  Scalar cost() const { return cost_; }  // of the present state, at scale sigma()
   Scalar sigma() const { return sigma_; }
 
  private:
+  // Squared error of an observation that does not project, units of sigma^2: far above any real one, so that its cost
+  // is saturated.
   static constexpr Scalar kUnseen = Scalar(1e12);
   static constexpr uint32_t kUnseenBits = std::bit_cast<uint32_t>(1e12f);
   static constexpr int kCoupling = 3 * kBlock;  // W or Y: element (r, c) at c * kBlock + r
+  // Levenberg-Marquardt's damping, relative to the diagonal: first value, bounds, factor after an accepted step. A
+  // rejected step multiplies it by 4, the next rejected one by 8, and so on. Not swept.
   static constexpr Scalar kFirstLambda = Scalar(1e-3), kMinLambda = Scalar(1e-6), kMaxLambda = Scalar(1e4);
-  static constexpr Scalar kMinDiagonal = Scalar(1e-6);  // added to the cameras' blocks
-  static constexpr Scalar kMinPivot = Scalar(1e-6);     // of a point's V, relative: less is a direction that nobody saw
-  // A step whose cost is the same to rounding.
+  static constexpr Scalar kLambdaShrink = Scalar(0.2), kFirstGrowth = 4;
+  static constexpr int kGrowthFactor = 2;
+  // Added to the diagonal of the cameras' blocks, in their units: keeps columns without observations solvable.
+  static constexpr Scalar kMinDiagonal = Scalar(1e-6);
+  // Pivot of a point's V relative to its diagonal: smaller ones are directions that no observation constrains. Some ten
+  // times float32's rounding.
+  static constexpr Scalar kMinPivot = Scalar(1e-6);
+  // Ratio of two costs up to which they are the same but for rounding.
   static constexpr Scalar kSameCost = 1 + 8 * std::numeric_limits<Scalar>::epsilon();
+  static constexpr Scalar kMedianToSigma = Scalar(1.1774);  // sqrt(2 ln 2): median(|e|^2) = 2 ln 2 sigma^2
+
+  // ARMv6 instructions, estimates. An iteration is counted as a whole (tests/budget).
+  static constexpr int64_t kAcceptPointInstructions = 20;
+  static constexpr int kCountDigitInstructions = 12;       // of one observation
+  static constexpr int64_t kFindDigitInstructions = 3000;  // in the histogram
+  static constexpr int64_t kClearBlockInstructions = 30;
+  static constexpr int64_t kPrepareColumnInstructions = 500;
+  static constexpr int64_t kStepCameraInstructions = 600;
+  static constexpr int64_t kSubstituteRowInstructions = 200, kSubstituteBlockInstructions = 90;
+  // In units of block products: V and the Y of a point, and the division by a diagonal block.
+  static constexpr int kPointProducts = 4, kDivisionProducts = 2;
 
   Task<> measure();
   Task<> estimate_scale();
@@ -165,12 +188,12 @@ class BundleEngine {
   void accept();
 
   Scalar* coupling(int observation, int which) { return couplings_.data() + (2 * observation + which) * kCoupling; }
-  // Of a pose's or a velocity's column: its own block, and that with the column before (pose of the same camera).
+  // Blocks of a column: its diagonal block, and for a velocity the block with its camera's pose, the column before.
   Scalar* own_block(int column) { return camera_blocks_.data() + 2 * column * kBlockNumbers; }
   Scalar* cross_block(int column) { return own_block(column) + kBlockNumbers; }
   Scalar* camera_rhs(int column) { return camera_rhs_.data() + column * kBlock; }
 
-  // Written out: as Eigen's expressions they end up in memory and in calls on small processors.
+  // Written out by element: small processors run Eigen's expressions through memory and calls.
   static Vector3 transformed(const State& T, const Vector3& p) {
     const auto row = [&](int i) { return T.R(i, 0) * p[0] + T.R(i, 1) * p[1] + T.R(i, 2) * p[2] + T.t[i]; };
     return {row(0), row(1), row(2)};
@@ -184,13 +207,14 @@ class BundleEngine {
     return {q[0] + dt_s * (velocity[0] + turn[0]), q[1] + dt_s * (velocity[1] + turn[1]),
             q[2] + dt_s * (velocity[2] + turn[2])};
   }
-  // j (I, -hat(q)): the derivative by a left-multiplied motion of what lies at q.
+  // j (I, -hat(q)): j = d(e)/d(q) turned into the derivative by a left-multiplied motion, for a point at q.
   static void rigid_row(const Vector3& q, const Vector3& j, Scalar* row) {
     const Vector3 turn = cross(q, j);
     row[0] = j[0], row[1] = j[1], row[2] = j[2];
     row[3] = turn[0], row[4] = turn[1], row[5] = turn[2];
   }
-  // rho(s) = c^2/6 (1 - (1 - s/c^2)^3), written so that it does not cancel and c may be infinite; weight: 2 d(rho)/ds.
+  // rho(s) = c^2/6 (1 - (1 - s/c^2)^3) at s = error_sq; weight = 2 d(rho)/ds. Written so that small s do not cancel,
+  // and that c may be infinite.
   Scalar tukey(Scalar error_sq, Scalar* weight) const {
     if (!(error_sq < cutoff_sq_)) {
       *weight = 0;
@@ -219,11 +243,11 @@ class BundleEngine {
   FixedVector<int16_t> eliminated_columns_;
 
   struct Digits {
-    uint32_t known = 0, mask = 0;  // those found, and where they are
-    int shift = 0;                 // of those being counted
-    int32_t histogram[256] = {};
+    uint32_t known = 0, mask = 0;  // digits found so far, and the bits that they occupy
+    int shift = 0;                 // position of the digit being counted, bits
+    int32_t histogram[256] = {};   // by the value of that digit
   };
-  Digits median_;  // the search for the scale
+  Digits median_;  // search for the median of the squared errors, by digits of 8 bits
 
   BundleOptions options_;
   int columns_ = 0;
@@ -232,7 +256,7 @@ class BundleEngine {
   bool solved_ = false;
   BundleOutcome outcome_ = BundleOutcome::kRejected;
   Scalar sigma_ = 1, cutoff_sq_ = 1, inverse_cutoff_sq_ = 1;
-  Scalar lambda_ = kFirstLambda, growth_ = 4;
+  Scalar lambda_ = kFirstLambda, growth_ = kFirstGrowth;
   Scalar cost_ = 0, tried_cost_ = 0;
 };
 
@@ -258,7 +282,7 @@ Task<> BundleEngine<Scalar, Projection>::start(const BundleOptions& options) {
   eliminated_.resize(eliminated_.capacity());
   eliminated_columns_.resize(eliminated_columns_.capacity());
   lambda_ = kFirstLambda;
-  growth_ = 4;
+  growth_ = kFirstGrowth;
   linearised_ = false;
   outcome_ = BundleOutcome::kRejected;
   for (Camera& camera : cameras_) camera.tried = camera.now;
@@ -276,7 +300,7 @@ Task<> BundleEngine<Scalar, Projection>::attempt() {
     co_await step();
     co_await measure();
     better = tried_cost_ < cost_;
-    // A step that neither gains nor loses means that the minimum is reached.
+    // A step that leaves the cost the same means that the minimum is reached.
     if (!better && tried_cost_ < cost_ * kSameCost) {
       outcome_ = BundleOutcome::kExhausted;
       co_return;
@@ -288,7 +312,7 @@ Task<> BundleEngine<Scalar, Projection>::attempt() {
     accept();
   } else {
     lambda_ *= growth_;
-    growth_ *= 2;
+    growth_ *= kGrowthFactor;
     outcome_ = lambda_ < kMaxLambda ? BundleOutcome::kRejected : BundleOutcome::kExhausted;
   }
 }
@@ -298,10 +322,10 @@ void BundleEngine<Scalar, Projection>::accept() {
   for (Camera& camera : cameras_) camera.now = camera.tried;
   for (Point& point : points_) point.p = point.tried;
   cost_ = tried_cost_;
-  lambda_ = std::max(lambda_ * Scalar(0.2), kMinLambda);
-  growth_ = 4;
+  lambda_ = std::max(lambda_ * kLambdaShrink, kMinLambda);
+  growth_ = kFirstGrowth;
   linearised_ = false;
-  meter_.charge(Work::kOther, 20LL * points_.size());
+  meter_.charge(Work::kOther, kAcceptPointInstructions * points_.size());
 }
 
 // Errors and cost of the tried state, at the present scale.
@@ -334,8 +358,8 @@ void BundleEngine<Scalar, Projection>::measure_point(Point& point) {
   tried_cost_ += sum;
 }
 
-// sigma from the median of the squared errors of the state, as robust_sigma(): found digit by digit of their float
-// representation, whose order is that of the numbers; counting digits can pause where nth_element cannot.
+// sigma from the median of the squared errors, as robust_sigma() defines it. The median is found digit by digit in the
+// errors' float representation, whose order is that of the numbers: counting digits can pause, nth_element cannot.
 template <class Scalar, class Projection>
 Task<> BundleEngine<Scalar, Projection>::estimate_scale() {
   if (options_.sigma > 0) {
@@ -343,13 +367,13 @@ Task<> BundleEngine<Scalar, Projection>::estimate_scale() {
     co_return;
   }
   median_ = Digits();
-  int rank = 0;  // of the median among the errors that share its digits
+  int rank = 0;  // of the median among the errors that share the digits found so far
   for (median_.shift = 24; median_.shift >= 0; median_.shift -= 8) {
     std::fill_n(median_.histogram, 256, 0);
-    constexpr int kChunk = 64;
+    constexpr int kChunk = 64;  // observations counted between two pauses
     for (int i = 0; i < observations_.size(); i += kChunk) {
       count_digits(i, std::min(i + kChunk, observations_.size()));
-      co_await background_.spend(Work::kOther, kChunk * 12);
+      co_await background_.spend(Work::kOther, kChunk * kCountDigitInstructions);
     }
     int count = 0;
     for (const int32_t n : median_.histogram) count += n;
@@ -359,10 +383,10 @@ Task<> BundleEngine<Scalar, Projection>::estimate_scale() {
     while (rank >= median_.histogram[digit]) rank -= median_.histogram[digit++];
     median_.known |= digit << median_.shift;
     median_.mask |= 255u << median_.shift;
-    meter_.charge(Work::kOther, 3000);
+    meter_.charge(Work::kOther, kFindDigitInstructions);
   }
   const Scalar median(std::bit_cast<float>(median_.known));
-  set_sigma(std::max(std::sqrt(median) / Scalar(1.1774), Scalar(kRobustSigmaFloor)));
+  set_sigma(std::max(std::sqrt(median) / kMedianToSigma, Scalar(kRobustSigmaFloor)));
 }
 
 template <class Scalar, class Projection>
@@ -376,7 +400,7 @@ void BundleEngine<Scalar, Projection>::count_digits(int from, int to) {
   }
 }
 
-// Weights, the points' and the cameras' normal equations, and their couplings, at the state and its scale.
+// Computes weights, normal equations of points and cameras, and their couplings, at the present state and its scale.
 template <class Scalar, class Projection>
 Task<> BundleEngine<Scalar, Projection>::linearise() {
   if (linearised_) co_return;
@@ -413,7 +437,7 @@ Scalar BundleEngine<Scalar, Projection>::linearise_observation(Point& point, int
   Matrix23 J;  // d(px)/d(p_c)
   if (!projection_.project(o.camera, moved(q, state.velocity, o.dt_s), &px, &J)) {
     const Scalar cost = tukey(kUnseen, &o.weight);
-    o.weight = 0;  // at an infinite scale too
+    o.weight = 0;  // also at an infinite scale, where tukey() gives no zero
     return cost;
   }
   const Scalar e[2] = {(o.px[0] - px[0]) * o.inverse_sigma, (o.px[1] - px[1]) * o.inverse_sigma};
@@ -484,19 +508,19 @@ void BundleEngine<Scalar, Projection>::add_cross(const Scalar* A_v, const Scalar
   }
 }
 
-// S and its right-hand side: the cameras' own blocks, damped, less what the points take away.
+// Builds S and its right-hand side: the cameras' own blocks, damped, minus the Schur complement's part of every point.
 template <class Scalar, class Projection>
 Task<> BundleEngine<Scalar, Projection>::reduce() {
   blocks_.resize(columns_);
   for (int row = 0; row < columns_; ++row) {
     blocks_.clear_row(row);
-    co_await background_.spend(Work::kOther, 30LL * (row + 1));
+    co_await background_.spend(Work::kOther, kClearBlockInstructions * (row + 1));
   }
   for (const Camera& camera : cameras_) prepare_system(camera);
-  meter_.charge(Work::kOther, 500LL * columns_);
+  meter_.charge(Work::kOther, kPrepareColumnInstructions * columns_);
   for (Point& point : points_) {
     const int products = reduce_point(point);
-    co_await background_.spend(Work::kBundleBlock, products + 4);  // V and the Y take as long as four
+    co_await background_.spend(Work::kBundleBlock, products + kPointProducts);
   }
 }
 
@@ -525,7 +549,7 @@ void BundleEngine<Scalar, Projection>::prepare_system(const Camera& camera) {
   }
 }
 
-// Returns the number of block products.
+// Subtracts one point's part from S and its right-hand side. Returns the number of block products.
 template <class Scalar, class Projection>
 int BundleEngine<Scalar, Projection>::reduce_point(Point& point) {
   factorise_point(point);
@@ -564,7 +588,7 @@ int BundleEngine<Scalar, Projection>::reduce_point(Point& point) {
   return products;
 }
 
-// L of V (1 + lambda); a direction in which nothing is known gets a zero, and so no step.
+// L of V with its diagonal multiplied by 1 + lambda. An unconstrained direction gets a zero, and so no step.
 template <class Scalar, class Projection>
 void BundleEngine<Scalar, Projection>::factorise_point(Point& point) {
   const Scalar damping = 1 + lambda_;
@@ -588,29 +612,32 @@ Task<> BundleEngine<Scalar, Projection>::solve() {
   for (int row = 0; row < columns_; ++row) {
     for (int column = blocks_.first(row); column <= row; ++column) {
       if (!blocks_.factorise(row, column)) co_return;
-      co_await background_.spend(Work::kBundleSolve, blocks_.products(row, column) + 2);  // and the division
+      co_await background_.spend(Work::kBundleSolve, blocks_.products(row, column) + kDivisionProducts);
     }
   }
   for (int row = 0; row < columns_; ++row) {
     blocks_.solve_forward(row);
-    co_await background_.spend(Work::kOther, 200 + 90LL * (row - blocks_.first(row)));
+    co_await background_.spend(Work::kOther,
+                               kSubstituteRowInstructions + kSubstituteBlockInstructions * (row - blocks_.first(row)));
   }
   for (int row = columns_ - 1; row >= 0; --row) {
     blocks_.solve_backward(row);
-    co_await background_.spend(Work::kOther, 200 + 90LL * (row - blocks_.first(row)));
+    co_await background_.spend(Work::kOther,
+                               kSubstituteRowInstructions + kSubstituteBlockInstructions * (row - blocks_.first(row)));
   }
   solved_ = true;
   for (int row = 0; row < columns_; ++row)
     for (int i = 0; i < kBlock; ++i) solved_ = solved_ && std::isfinite(blocks_.rhs(row)[i]);
 }
 
-// The state that the solution leads to.
+// Computes the tried state from the solution.
 template <class Scalar, class Projection>
 Task<> BundleEngine<Scalar, Projection>::step() {
   for (Camera& camera : cameras_) step_camera(camera);
-  meter_.charge(Work::kOther, 600LL * cameras_.size());
+  meter_.charge(Work::kOther, kStepCameraInstructions * cameras_.size());
   for (Point& point : points_) {
     step_point(point);
+    // A free velocity adds half as much again.
     co_await background_.spend(Work::kBundleStep, velocities_free_ ? 3 * point.count / 2 : point.count);
   }
 }
@@ -626,7 +653,7 @@ void BundleEngine<Scalar, Projection>::step_camera(Camera& camera) {
     H << 0, -a.z(), a.y(), a.z(), 0, -a.x(), -a.y(), a.x(), 0;
     const Matrix3 turn = Matrix3::Identity() + (2 / (1 + a.dot(a))) * (H + H * H);
     const Matrix3 R = turn * camera.now.R;
-    // Newton's step to the nearest rotation: the rounding of many steps does not add up.
+    // One Newton step to the nearest rotation, so that the rounding of many steps does not add up.
     camera.tried.R = R * (Scalar(1.5) * Matrix3::Identity() - Scalar(0.5) * (R.transpose() * R));
     camera.tried.t = turn * camera.now.t + Vector3(mu[0], mu[1], mu[2]);
   }

@@ -12,19 +12,29 @@ struct Symmetric3 {
   float determinant() const { return xx * (yy * zz - zy * zy) - yx * (yx * zz - zx * zy) + zx * (yx * zy - zx * yy); }
 };
 
-// Instructions of the parts: together as counted for the ARM1176 (tests/budget), shared out by the compiled code.
-constexpr int64_t kUsefulnessInstructions = 210;  // of one measurement
-constexpr int64_t kVoteInstructions = 40;         // of one measurement
-constexpr int64_t kPairInstructions = 34;         // of two measurements: their order, what their keyframes share
-constexpr int64_t kPointInstructions = 120;
-constexpr int64_t kViewDistanceInstructions = 145;
+constexpr int kProtectedKeyframes = 2;  // newest keyframes that are never erased: their corners are not found again yet
+constexpr float kNoneNear = 1e9f;       // view distance of a keyframe that has no other
+
+// ARMv6 instructions of the parts of a decision. Their sum is as counted for the ARM1176 (tests/budget); the shares
+// follow the compiled code.
+constexpr int64_t kUsefulnessInstructions = 210;    // of one measurement
+constexpr int64_t kVoteInstructions = 40;           // of one measurement
+constexpr int64_t kPairInstructions = 34;           // of two measurements: their order, and the count of common points
+constexpr int64_t kPointInstructions = 120;         // of one map point
+constexpr int64_t kViewDistanceInstructions = 145;  // of Map::view_distance() for two keyframes
+// ARMv6 instructions, estimates.
+constexpr int64_t kSlotInstructions = 10;         // of one keyframe slot, to set the votes to zero
+constexpr int64_t kEdgeInstructions = 17;         // of one pair of keyframes, in the search for connected parts
+constexpr int64_t kErasePointInstructions = 35;   // of one slot of map points, when a keyframe is erased
+constexpr int64_t kForgetPointInstructions = 15;  // of one slot of points, when a keyframe is forgotten
+constexpr int64_t kCountPatchInstructions = 8;    // of one slot of points, to count the patches of keyframes
 
 }  // namespace
 
 void measure_usefulness(const Map& map, const Camera& camera, const MapPoint& point, float* m) {
   const int count = point.measurements.size();
   if (count == 0) return;
-  // In units of a typical depth V_j is of order 1 / sigma^2, and |V| within float32.
+  // Lengths are divided by a typical depth: V_j is of order 1 / sigma^2 then, and |V| stays within float32's range.
   const float depth = map.keyframes()[map.measurements(point)[0].keyframe].mean_depth;
   const float aspect = camera.model.fy / camera.model.fx;
   Symmetric3 V_j[kMaxMeasurementsPerPoint + 1], V;
@@ -38,7 +48,7 @@ void measure_usefulness(const Map& map, const Camera& camera, const MapPoint& po
     const float u = p_k.x() * inverse_z, v = p_k.y() * inverse_z;
     const float scale = depth * inverse_z / measurement.at.sigma();
     const float s = measurement.weight * scale * scale;
-    float a[3], b[3];  // rows of B_j but for s
+    float a[3], b[3];  // rows of B_j, whose common factor is in s
     for (int i = 0; i < 3; ++i) {
       a[i] = T_kw.R(0, i) - u * T_kw.R(2, i);
       b[i] = aspect * (T_kw.R(1, i) - v * T_kw.R(2, i));
@@ -60,7 +70,7 @@ void measure_usefulness(const Map& map, const Camera& camera, const MapPoint& po
 
 float keyframe_vote(int observers, int rank) {
   if (observers == 2) return 0.5f;
-  const int o = std::min(observers, 4);
+  const int o = std::min(observers, 4);  // the four best ranks share a point's vote [phone 3.3]
   return static_cast<float>(std::max(0, o - (rank - 1))) / static_cast<float>(o * (o + 1) / 2);
 }
 
@@ -95,8 +105,8 @@ UsefulnessCulling::UsefulnessCulling(Arena& arena, const Config& config, Map& ma
 
 Task<int> UsefulnessCulling::choose() {
   co_await count_votes();
-  // The graph's connection as it is: at the largest number of common points, up to kMinCommonPoints, that leaves it in
-  // no more parts than any common point does. Whoever goes must not add a part to that.
+  // Number of common points that makes an edge of the keyframe graph: the largest one, up to kMinCommonPoints, at which
+  // the graph has as few parts as with edges of one common point. Erasing a keyframe must not add a part.
   const int parts = co_await count_components(-1, 1);
   int common = kMinCommonPoints;
   for (; common > 1; --common) {
@@ -104,7 +114,7 @@ Task<int> UsefulnessCulling::choose() {
     if (parts_now <= parts) break;
   }
   for (int k = 0; k < map_.keyframes().size(); ++k) judged_[k] = !map_.keyframes()[k].live() || k == 0;
-  for (int newest = 0; newest < 2; ++newest) {
+  for (int newest = 0; newest < kProtectedKeyframes; ++newest) {
     int youngest = -1;
     for (const int16_t k : live_)
       if (!judged_[k] && (youngest < 0 || map_.keyframes()[k].id > map_.keyframes()[youngest].id)) youngest = k;
@@ -136,14 +146,14 @@ Task<> UsefulnessCulling::count_votes() {
   reached_.resize(live_.size());
   common_.resize(live_.size() * live_.size());
   std::fill(common_.begin(), common_.end(), uint8_t{0});
-  meter_.charge(Work::kOther, common_.size() + 10LL * map_.keyframes().size());
+  meter_.charge(Work::kOther, common_.size() + kSlotInstructions * map_.keyframes().size());
   for (const MapPoint& point : map_.points()) {
     if (point.id == 0) continue;
     const int observers = point.measurements.size();
     float m[kMaxMeasurementsPerPoint + 1];
     if (observers > 2) measure_usefulness(map_, config_.camera, point, m);
     int keyframe[kMaxMeasurementsPerPoint + 1], place[kMaxMeasurementsPerPoint + 1];
-    int rank[kMaxMeasurementsPerPoint + 1];  // counted from 0; equal ones in the order of the measurements
+    int rank[kMaxMeasurementsPerPoint + 1];  // by usefulness, from 0; equal ones in the order of the measurements
     int j = 0;
     for (const Measurement& measurement : map_.measurements(point)) {
       const int b = place_[measurement.keyframe];
@@ -164,7 +174,8 @@ Task<> UsefulnessCulling::count_votes() {
   }
 }
 
-// Parts of the graph of live keyframes that share at least so many points, without one of them (a place; -1: with all).
+// Number of connected parts of the graph of live keyframes, in which an edge joins two that share at least
+// common_points points. `without`: place of a keyframe that is left out; -1: none is.
 Task<int> UsefulnessCulling::count_components(int without, int common_points) {
   int components = 0;
   std::fill(reached_.begin(), reached_.end(), uint8_t{0});
@@ -181,7 +192,7 @@ Task<int> UsefulnessCulling::count_components(int without, int common_points) {
         reached_[b] = 1;
         frontier_.push_back(static_cast<int16_t>(b));
       }
-      co_await background_.spend(Work::kOther, 17LL * live_.size());
+      co_await background_.spend(Work::kOther, kEdgeInstructions * live_.size());
     }
   }
   co_return components;
@@ -195,7 +206,7 @@ KeyframeEraser::KeyframeEraser(Arena& arena, const Config& config, Map& map, Bac
 
 Task<> KeyframeEraser::erase(int keyframe) {
   const int64_t anchoring = kViewDistanceInstructions * map_.live_count();
-  // Those anchored to it go to others first, one at a time.
+  // Keyframes anchored to it are anchored to others first, one at a time, so that slices stay short.
   for (int k = 0; k < map_.keyframes().size(); ++k) {
     const Keyframe& other = map_.keyframes()[k];
     if (other.id == 0 || !other.erased || other.anchor != keyframe) continue;
@@ -203,7 +214,7 @@ Task<> KeyframeEraser::erase(int keyframe) {
     co_await background_.spend(Work::kOther, anchoring);
   }
   map_.erase_keyframe(keyframe);
-  co_await background_.spend(Work::kOther, 35LL * map_.points().size() + anchoring);
+  co_await background_.spend(Work::kOther, kErasePointInstructions * map_.points().size() + anchoring);
 }
 
 Task<> KeyframeEraser::forget_surplus() {
@@ -212,7 +223,7 @@ Task<> KeyframeEraser::forget_surplus() {
   const auto sources = static_cast<int64_t>(patches_[forgotten]);
   map_.forget_keyframe(forgotten);
   co_await background_.spend(Work::kOther,
-                             15LL * (map_.points().size() + map_.partial_points().size()) +
+                             kForgetPointInstructions * (map_.points().size() + map_.partial_points().size()) +
                                  sources * config_.max_measurements_per_point * kViewDistanceInstructions);
 }
 
@@ -223,13 +234,14 @@ Task<int> KeyframeEraser::choose_forgotten() {
     if (point.id != 0) patches_[point.source.keyframe] += 1;
   for (const PartialPoint& partial : map_.partial_points())
     if (partial.id != 0) patches_[partial.source.keyframe] += 1;
-  co_await background_.spend(Work::kOther, 8LL * (map_.points().size() + map_.partial_points().size()));
+  co_await background_.spend(Work::kOther,
+                             kCountPatchInstructions * (map_.points().size() + map_.partial_points().size()));
   int forgotten = -1;
   float least = 0;
   for (int k = 0; k < map_.keyframes().size(); ++k) {
     const Keyframe& keyframe = map_.keyframes()[k];
     if (keyframe.id == 0 || !keyframe.erased) continue;
-    float nearest = 1e9f;
+    float nearest = kNoneNear;
     for (int other = 0; other < map_.keyframes().size(); ++other)
       if (other != k && map_.keyframes()[other].id != 0)
         nearest = std::min(nearest, Map::view_distance(keyframe, map_.keyframes()[other]));

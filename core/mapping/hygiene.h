@@ -1,5 +1,5 @@
-// Keeps the map clean when nothing else is to do: bad points go, points that are one become one, patches turn as they
-// lie. Coroutines of `background`.
+// Map maintenance in idle time: removes surplus measurements and unreliable points, merges duplicate points, and
+// estimates patch normals. Coroutines of `background`.
 #pragma once
 
 #include "map/map.h"
@@ -12,19 +12,19 @@ class Hygiene {
   Hygiene(const Config& config, Map& map, WorkMeter& meter, Background& background)
       : config_(config), map_(map), meter_(meter), background_(background) {}
 
-  // Measurements of points that have more than Config allows.
+  // Removes the least useful measurements of points that have more than Config allows.
   Task<> cull_measurements();
 
-  // Points that are expected to be seen and are not found. One that only two keyframes have measured is on trial: a
-  // wrong match that happened to lie on the epipolar line is found nowhere else.
+  // Removes points that are expected to be seen and are rarely found. A point with two measurements is judged after
+  // fewer searches: a wrong match that happened to lie on the epipolar line is found nowhere else.
   Task<> discard_unreliable_points();
 
-  // Every point and its neighbours, in turn: duplicates become one, and the patch lies as its neighbours do. Stops when
-  // a keyframe waits, and goes on where it stopped.
-  Task<> tidy();
-  bool untidy() const { return left_ > 0; }
-  void begin_round() { left_ = map_.points().size(); }  // of tidy(): the map has changed
-  void forget() { next_ = left_ = 0; }                  // another map
+  // Takes every point with its neighbours in turn: merges duplicates, and lays the patch on the neighbours' plane.
+  // Stops when a keyframe waits; the next call continues there.
+  Task<> refine_points();
+  bool refining() const { return left_ > 0; }           // points are left in this round of refine_points()
+  void begin_round() { left_ = map_.points().size(); }  // to be called when the map has changed
+  void forget() { next_ = left_ = 0; }                  // to be called when the map is another one
 
   FrameStack& frames() { return background_.frames(); }
 
@@ -35,7 +35,8 @@ class Hygiene {
   Map& map_;
   WorkMeter& meter_;
   Background& background_;
-  int next_ = 0, left_ = 0;  // slot of Map::points(), and how many more
+  int next_ = 0;  // slot of Map::points() where refine_points() continues
+  int left_ = 0;  // slots left in this round
 };
 
 }  // namespace pptam

@@ -8,13 +8,44 @@ namespace pptam {
 
 namespace {
 
+// Accepted steps of one adjustment at most: more than later, since the start is further away from the minimum and the
+// map is shown afterwards. Not swept.
 constexpr int kBundleIterations = 30;
-constexpr int kLocatingPoints = 40;                       // of each view's pose, before bundle adjustment
-constexpr float kInitialVelocitySigmaTranslation = 0.1f;  // depths/s, of the velocity during an initial view's readout
-constexpr float kInitialVelocitySigmaRotation = 0.15f;    // radians/s
-constexpr float kMaxInitialSigma = 1.0f;                  // 2 px: a right map fits to under 1 px
+constexpr int kBundleRounds = 2;  // adjustments: the second without the outliers of the first
+// Points for the pose of a view, or of a frame next to a view: bounds its time. Not swept.
+constexpr int kLocatingPoints = 40;
+// Prior of the velocity during an initial view's readout, whose mean is 0: 1-sigma of each component, in depths/s and
+// radians/s. Not swept.
+constexpr float kInitialVelocitySigmaTranslation = 0.1f;
+constexpr float kInitialVelocitySigmaRotation = 0.15f;
+// Robust scale of a map that is accepted, units of a measurement's sigma (2 px): a right map fits to under half of it.
+// Not swept.
+constexpr float kMaxInitialSigma = 1.0f;
+
+// The dominant plane.
+// Points among which the plane is sought: more than an initial map has. Bounds the memory.
 constexpr int kMaxPlanePoints = 512;
-constexpr int kPlaneTrials = 100;
+constexpr int kPlaneTrials = 100;    // planes through three points that are tried; not swept
+constexpr int kRefineRounds = 3;     // least-squares fits, each to the inliers of the one before; not swept
+constexpr int kMinPlaneInliers = 6;  // points for a fit; not swept
+// Distance from the plane up to which a point lies on it, in mean depths of the first view. Not swept.
+constexpr float kPlaneThreshold = 0.02f;
+// Smallest cross product of two sides of a sampled triangle, in squared mean depths: less has no direction. Not swept.
+constexpr float kMinTriangleCross = 1e-3f;
+// Cosine of the angle between the first view's axis and the plane's normal: at over 87 degrees the axis hardly meets
+// the plane. Not swept.
+constexpr float kMinCosAxis = 0.05f;
+constexpr float kMinBaseline = 1e-6f;  // of the initial views, in the start's units: guards a division
+constexpr float kInfiniteCost = 1e30f;
+// Fixed pseudo-random sequence of 32 bits, x <- a x + c, of which the upper 24 bits are used: the same points are
+// sampled in every run and on every target.
+constexpr uint32_t kSequenceStart = 12345, kSequenceFactor = 1664525u, kSequenceIncrement = 1013904223u;
+constexpr int kSequenceShift = 8;
+
+// ARMv6 instructions, estimates. The sum over a run's mapping is within 10 % of the count (tests/budget).
+constexpr int64_t kTrialInstructions = 75;    // of one point in one trial
+constexpr int64_t kRefineInstructions = 250;  // of one point in one fit
+constexpr int64_t kTransformPointInstructions = 60, kTransformKeyframeInstructions = 500;
 
 }  // namespace
 
@@ -30,7 +61,7 @@ InitialMap::InitialMap(Arena& arena, const Config& config, Map& map, WorkMeter& 
 
 Task<bool> InitialMap::finish() {
   bool good = co_await locate_views();
-  for (int round = 0; good && round < 2; ++round) {  // again without the outliers of the first
+  for (int round = 0; good && round < kBundleRounds; ++round) {
     co_await measure_velocities();
     co_await bundle_.run(-1, true, kBundleIterations);
   }
@@ -39,7 +70,8 @@ Task<bool> InitialMap::finish() {
   co_return good;
 }
 
-// Poses of the views between the first and the last, backwards, each starting at its successor's.
+// Finds the poses of the views between the first and the last, in descending order: each starts at the next view's
+// pose.
 Task<bool> InitialMap::locate_views() {
   const int count = map_.keyframes().size();
   for (int k = count - 2; k > 0; --k) {
@@ -55,14 +87,14 @@ Task<bool> InitialMap::locate_views() {
   co_return true;
 }
 
-// The velocities in the initial keyframes from the poses of the frames next to them [phone 6]: central differences. At
-// either end, where only one side is known, its mean velocity is carried on to the keyframe by the difference to the
-// next keyframe's.
+// Velocities of the initial keyframes by central differences of the poses of the frames next to them [phone 6]. Where
+// only one of these frames is known, as at either end, the difference is the velocity at another time than the
+// keyframe's. It is extrapolated to the keyframe's time with the difference to the neighbouring keyframe's velocity.
 Task<> InitialMap::measure_velocities() {
   if (config_.camera.shutter.line_time_s == 0) co_return;
   const int count = std::min(map_.keyframes().size(), kMaxInitialKeyframes);
   Vector6f mean[kMaxInitialKeyframes];
-  float mean_s[kMaxInitialKeyframes];  // the time of which it is the mean, from the first keyframe's
+  float mean_s[kMaxInitialKeyframes];  // middle of the interval of each mean, seconds after the first keyframe
   const int64_t start_ns = map_.keyframes()[0].timestamp_ns;
   for (int k = 0; k < count; ++k) {
     const Keyframe& keyframe = map_.keyframes()[k];
@@ -103,34 +135,34 @@ Vector3f InitialMap::p_1(int i) const {
 }
 
 Task<bool> InitialMap::align_to_dominant_plane() {
-  const float threshold = 0.02f * map_.keyframes()[0].mean_depth;
+  const float threshold = kPlaneThreshold * map_.keyframes()[0].mean_depth;
   points_.clear();
   for (int i = 0; i < map_.points().size(); ++i)
     if (map_.points()[i].id != 0) points_.push_back(static_cast<int16_t>(i));
   Plane plane = co_await sample_planes(threshold);
   if (plane.found) plane = co_await refine(plane, threshold);
-  co_return plane.found&& lay_on(plane, threshold);
+  co_return plane.found&& align_to(plane, threshold);
 }
 
-// The plane to which the points are nearest, of those through three of them: by a fixed sequence, so that every run and
-// every target finds the same.
+// Among planes through three points, the one with the lowest sum of point distances, each cut off at the threshold. The
+// points are chosen by a fixed sequence, so that every run and every target finds the same plane.
 Task<InitialMap::Plane> InitialMap::sample_planes(float threshold) {
   const float depth = map_.keyframes()[0].mean_depth;
   const int count = points_.size();
-  uint32_t state = 12345;
+  uint32_t state = kSequenceStart;
   const auto next = [&state](int n) {
-    state = state * 1664525u + 1013904223u;
-    return static_cast<int>((state >> 8) % static_cast<uint32_t>(n));
+    state = state * kSequenceFactor + kSequenceIncrement;
+    return static_cast<int>((state >> kSequenceShift) % static_cast<uint32_t>(n));
   };
   Plane best;
-  float best_cost = 1e30f;
+  float best_cost = kInfiniteCost;
   for (int trial = 0; trial < kPlaneTrials; ++trial) {
     const int i = next(count);
     const int j = next(count);
     const int k = next(count);
-    co_await background_.spend(Work::kOther, 75LL * count);
+    co_await background_.spend(Work::kOther, kTrialInstructions * count);
     const Vector3f cross = (p_1(j) - p_1(i)).cross(p_1(k) - p_1(i));
-    if (!(cross.norm() > 1e-3f * depth * depth)) continue;
+    if (!(cross.norm() > kMinTriangleCross * depth * depth)) continue;
     const Vector3f n = cross.normalized();
     const float d = n.dot(p_1(i));
     float cost = 0;
@@ -143,11 +175,11 @@ Task<InitialMap::Plane> InitialMap::sample_planes(float threshold) {
   co_return best;
 }
 
-// Least squares over the inliers.
+// Fits the plane to its inliers by least squares, and turns the normal so that the offset is positive.
 Task<InitialMap::Plane> InitialMap::refine(Plane plane, float threshold) {
   const int count = points_.size();
   plane.found = false;
-  for (int round = 0; round < 3; ++round) {
+  for (int round = 0; round < kRefineRounds; ++round) {
     Vector3f mean = Vector3f::Zero();
     int inliers = 0;
     for (int m = 0; m < count; ++m) {
@@ -155,7 +187,7 @@ Task<InitialMap::Plane> InitialMap::refine(Plane plane, float threshold) {
       mean += p_1(m);
       ++inliers;
     }
-    if (inliers < 6) co_return plane;
+    if (inliers < kMinPlaneInliers) co_return plane;
     mean /= static_cast<float>(inliers);
     Matrix3f scatter = Matrix3f::Zero();
     for (int m = 0; m < count; ++m) {
@@ -167,7 +199,7 @@ Task<InitialMap::Plane> InitialMap::refine(Plane plane, float threshold) {
     if (solver.info() != Eigen::Success) co_return plane;
     plane.normal = solver.eigenvectors().col(0);
     plane.offset = plane.normal.dot(mean);
-    co_await background_.spend(Work::kOther, 250LL * count);
+    co_await background_.spend(Work::kOther, kRefineInstructions * count);
   }
   if (plane.offset < 0) {
     plane.normal = -plane.normal;
@@ -177,14 +209,15 @@ Task<InitialMap::Plane> InitialMap::refine(Plane plane, float threshold) {
   co_return plane;
 }
 
-// The plane to z = 0 with z towards the camera, origin where the first keyframe's axis meets it, x along the first
-// camera's x; the first view is Config::initial_plane_distance away from the plane, or the initial views reach
-// Config::initial_baseline from the first [ptam 6.1]. False when the axis does not meet the plane.
-bool InitialMap::lay_on(const Plane& plane, float threshold) {
+// Changes the world's coordinates [ptam 6.1]. The plane becomes z = 0, with z towards the camera; the origin is where
+// the first keyframe's axis meets the plane; x is along the first camera's x. Scale: the first view is
+// Config::initial_plane_distance away from the plane, if that is set; otherwise the largest distance of an initial view
+// from the first is Config::initial_baseline. False, with nothing changed, when the axis does not meet the plane.
+bool InitialMap::align_to(const Plane& plane, float threshold) {
   const SE3 T_1w = map_.keyframes()[0].T_kw;
-  // Up is from the plane to the camera, which sits at the origin of its own frame.
+  // z of the world points from the plane to the camera, which is the origin of its own frame.
   const Vector3f z = -plane.normal;
-  if (!(plane.normal.z() > 0.05f)) return false;
+  if (!(plane.normal.z() > kMinCosAxis)) return false;
   const Vector3f origin = Vector3f::UnitZ() * (plane.offset / plane.normal.z());
   const Vector3f x = (Vector3f::UnitX() - z * z.x()).normalized();
   const Vector3f y = z.cross(x);
@@ -192,22 +225,23 @@ bool InitialMap::lay_on(const Plane& plane, float threshold) {
   R.row(0) = x.transpose();
   R.row(1) = y.transpose();
   R.row(2) = z.transpose();
-  float baseline = 0;  // of the initial views, the longest from the first
+  float baseline = 0;  // largest distance of an initial view from the first
   for (const Keyframe& keyframe : map_.keyframes())
     baseline = std::max(baseline, (keyframe.T_kw.centre() - T_1w.centre()).norm());
-  if (!(baseline > 1e-6f) || !R.allFinite()) return false;
+  if (!(baseline > kMinBaseline) || !R.allFinite()) return false;
   Similarity S;
   S.T = SE3(R, -(R * origin)) * T_1w;
   S.scale = config_.initial_plane_distance > 0 ? config_.initial_plane_distance / plane.offset
                                                : config_.initial_baseline / baseline;
   map_.apply(S);
-  // Patches on the plane get its normal; it is known much better now than from the homography.
+  // Patches on the plane get the plane's normal, which is better known now than from the homography.
   for (const int16_t i : points_) {
     const MapPoint& point = map_.points()[i];
     if (std::abs(point.p_w.z()) < threshold * S.scale)
       map_.set_normal(i, map_.keyframes()[point.source.keyframe].T_kw.R.col(2));
   }
-  meter_.charge(Work::kOther, 60LL * map_.points().size() + 500LL * map_.keyframes().size());
+  meter_.charge(Work::kOther, kTransformPointInstructions * map_.points().size() +
+                                  kTransformKeyframeInstructions * map_.keyframes().size());
   return true;
 }
 

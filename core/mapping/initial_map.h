@@ -1,5 +1,5 @@
-// A map that an initialiser has just made becomes one that may be shown: poses of the views between the first and the
-// last, velocities, bundle adjustment, and coordinates that lie on the dominant plane [phone 5.1, ptam 6.1].
+// Finishes a map that an initialiser has made [phone 5.1, ptam 6.1]: finds the poses of the views between the first and
+// the last and all velocities, adjusts the map, and moves the world's coordinates onto the dominant plane.
 #pragma once
 
 #include "map/map.h"
@@ -14,8 +14,8 @@ class InitialMap {
   InitialMap(Arena& arena, const Config& config, Map& map, WorkMeter& meter, Background& background,
              BundleAdjuster& bundle, KeyframePose& pose);
 
-  // A coroutine of `background`. False when the map does not explain its measurements, too little of it is left, or it
-  // has no plane to lie on: it is of no use then.
+  // A coroutine of `background`. False when the map does not explain its measurements, when too few points are left, or
+  // when no dominant plane is found: the map is of no use then.
   Task<bool> finish();
 
   FrameStack& frames() { return background_.frames(); }
@@ -33,8 +33,8 @@ class InitialMap {
   Task<bool> align_to_dominant_plane();
   Task<Plane> sample_planes(float threshold);
   Task<Plane> refine(Plane plane, float threshold);
-  bool lay_on(const Plane& plane, float threshold);
-  Vector3f p_1(int i) const;  // of points_[i], first camera's frame
+  bool align_to(const Plane& plane, float threshold);
+  Vector3f p_1(int i) const;  // position of points_[i] in the first camera's frame
 
   const Config& config_;
   Map& map_;
@@ -42,7 +42,7 @@ class InitialMap {
   Background& background_;
   BundleAdjuster& bundle_;
   KeyframePose& pose_;
-  FixedVector<int16_t> points_;  // indices of those among which the plane is sought
+  FixedVector<int16_t> points_;  // indices of the map points among which the plane is sought
 };
 
 }  // namespace pptam

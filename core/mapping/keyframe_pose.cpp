@@ -4,7 +4,10 @@ namespace pptam {
 
 namespace {
 
-constexpr int kMaxPosePoints = 250;  // of a keyframe; more would not make its velocity better known
+// Points for a keyframe's pose at most: more would not make its velocity better known. Not swept.
+constexpr int kMaxPosePoints = 250;
+// ARMv6 instructions to look for a keyframe's measurement of one point, and for each of its measurements: estimates.
+constexpr int64_t kGatherPointInstructions = 50, kGatherMeasurementInstructions = 20;
 
 }  // namespace
 
@@ -20,7 +23,8 @@ Task<> KeyframePose::gather(int keyframe, int most) {
   for (const MapPoint& point : map_.points()) {
     if (points_.size() >= most) break;
     if (point.id == 0) continue;
-    co_await background_.spend(Work::kOther, 50 + 20LL * point.measurements.size());
+    co_await background_.spend(Work::kOther,
+                               kGatherPointInstructions + kGatherMeasurementInstructions * point.measurements.size());
     for (const Measurement& m : map_.measurements(point)) {
       if (m.keyframe != keyframe) continue;
       points_.push_back({point.p_w, m.at});

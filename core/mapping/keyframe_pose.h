@@ -12,16 +12,16 @@ class KeyframePose {
  public:
   KeyframePose(Arena& arena, const Config& config, Map& map, WorkMeter& meter, Background& background);
 
-  // First what is measured in the frame, at most so many points: it is kept until the next call.
+  // Collects up to `most` points that are measured in the frame, for find(). They are kept until the next call.
   Task<> gather(int keyframe, int most);
   void gather(const NeighbourFrame& frame, int most);
-  // Then the pose that it gives, from a start.
+  // Pose and velocity from the collected points, beginning at T_start.
   Task<PoseUpdate> find(const SE3& T_start, const VelocityPrior& prior);
 
-  // The prior that a keyframe's own velocity prior makes, as wide as a calm hand's tremor.
+  // Prior with the given mean, as wide as a calm hand's tremor (kVelocitySigma...) at the keyframe's mean depth.
   VelocityPrior prior_of(const Keyframe& keyframe, const Vector6f& mean) const;
 
-  // Velocities of all live keyframes during their readout, against the map as it is.
+  // Estimates the velocities of all live keyframes during their readout. Poses and points stay as they are.
   Task<> update_velocities();
 
   FrameStack& frames() { return background_.frames(); }

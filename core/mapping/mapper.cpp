@@ -4,10 +4,29 @@ namespace pptam {
 
 namespace {
 
-constexpr size_t kFrameBytes = 24 * 1024;  // nested jobs' frames: run > insert_keyframe > ..., run > bundle > ...
+// Bytes for the coroutine frames of nested jobs, such as run > insert_keyframe > grow > add_corners. Not swept; too few
+// end in an assertion.
+constexpr size_t kFrameBytes = 24 * 1024;
+// Accepted steps of one adjustment at most; an unfinished full adjustment is continued. Nine of ten synthetic maps take
+// at most eight (tests/unit). Not swept.
 constexpr int kBundleIterations = 12;
-constexpr int kFullFromKeyframes = 8;  // below, local and full adjustment are nearly the same problem
-constexpr int kVelocityRounds = 3;     // bundle adjustments with re-estimated velocities after each keyframe
+// Live keyframes from which on a new keyframe is adjusted locally first: with fewer, local and full adjustment are
+// nearly the same problem. Not swept.
+constexpr int kMinKeyframesForLocal = 8;
+// Full adjustments after each keyframe before which the velocities are estimated anew, in maps too large for free
+// velocities. Not swept; in a study of finished maps one correction was as good as three (tests/MEASURED.md).
+constexpr int kVelocityRounds = 3;
+// Search of known points in a new keyframe: radius in pixels of the level searched, and
+// SearchOptions::max_relative_zmssd. Narrower and stricter than the tracker's 4 and 0.4, since the pose is known. Not
+// swept.
+constexpr float kRemainingRadius_px = 3;
+constexpr float kRemainingZmssd = 0.3f;
+
+// ARMv6 instructions, estimates. The sum over a run's mapping is within 10 % of the count (tests/budget).
+constexpr int64_t kClearPointInstructions = 100;     // of one slot of map points
+constexpr int64_t kAddMeasurementInstructions = 60;  // of one of the tracker's measurements
+constexpr int64_t kErasePointInstructions = 50;      // of one slot of map points, when the new keyframe is discarded
+constexpr int64_t kLookUpInstructions = 100;         // whether a point is measured in the new keyframe
 
 }  // namespace
 
@@ -32,7 +51,7 @@ bool Mapper::has_work() const {
 void Mapper::work_slice() {
   if (!has_work()) return;
   if (epoch_ != map_.epoch()) {
-    // The map that the paused job worked on is gone, or has another scale.
+    // The map that the paused job worked on has been cleared, or has another scale.
     epoch_ = map_.epoch();
     abandon();
     task_ = Task<>();
@@ -53,13 +72,13 @@ void Mapper::work_slice() {
 }
 
 Task<> Mapper::run() {
-  co_await hygiene_.cull_measurements();  // an insertion may have been given up half-way
+  co_await hygiene_.cull_measurements();  // the job before may have been dropped during an insertion
   for (;;) {
     if (map_.exists() && !map_.ready()) {
       co_await finish_initial_map();
-    } else if (map_.live_count() > config_.max_keyframes) {  // an insertion was given up half-way
+    } else if (map_.live_count() > config_.max_keyframes) {  // an insertion was dropped
       co_await make_room();
-    } else if (map_.erased_count() > config_.max_erased_keyframes) {  // likewise
+    } else if (map_.erased_count() > config_.max_erased_keyframes) {  // an erasure was dropped
       co_await eraser_.forget_surplus();
     } else if (map_.queue().waiting() > 0) {
       co_await insert_keyframe();
@@ -68,8 +87,8 @@ Task<> Mapper::run() {
       co_await bundle_.run(newest_, true, kBundleIterations);
     } else if (full_pending_) {
       co_await adjust_all();
-    } else if (hygiene_.untidy()) {
-      co_await hygiene_.tidy();
+    } else if (hygiene_.refining()) {
+      co_await hygiene_.refine_points();
     } else {
       resting_ = true;
       co_await rest();
@@ -81,9 +100,9 @@ Task<> Mapper::finish_initial_map() {
   const bool good = co_await initial_map_.finish();
   if (!good) {
     map_.clear();
-    meter_.charge(Work::kOther, 100LL * map_.points().size());
+    meter_.charge(Work::kOther, kClearPointInstructions * map_.points().size());
     resting_ = true;
-    co_await rest();  // the next slice starts afresh: the epoch has changed
+    co_await rest();  // the epoch has changed: the next slice begins a new job
     co_return;
   }
   map_.finish();
@@ -91,7 +110,8 @@ Task<> Mapper::finish_initial_map() {
   co_await point_source_->grow(newest_);
 }
 
-// Again and again until it has converged, also with velocities that are estimated anew in between.
+// One full adjustment. It stays pending until it has converged, and in large maps for kVelocityRounds more, each after
+// the velocities have been estimated anew.
 Task<> Mapper::adjust_all() {
   full_pending_ = false;
   co_await bundle_.run(-1, true, kBundleIterations);
@@ -117,20 +137,21 @@ Task<> Mapper::insert_keyframe() {
   }
   for (const KeyframeMeasurement& m : candidate.measurements)
     if (map_.points()[m.point].id == m.point_id) map_.add_measurement(m.point, {m.at, static_cast<int16_t>(keyframe)});
-  meter_.charge(Work::kOther, 60LL * candidate.measurements.size());
+  meter_.charge(Work::kOther, kAddMeasurementInstructions * candidate.measurements.size());
   map_.queue().pop();
   if (map_.live_count() > config_.max_keyframes) co_await make_room();
   if (!map_.keyframes()[keyframe].live()) co_return;
-  co_await hygiene_.cull_measurements();  // now that it is known that the keyframe stays
+  co_await hygiene_.cull_measurements();  // after make_room(): a discarded keyframe costs no measurement
   newest_ = keyframe;
   co_await measure_remaining_points(keyframe);
   co_await point_source_->grow(keyframe);
-  local_pending_ = map_.live_count() >= kFullFromKeyframes;
+  local_pending_ = map_.live_count() >= kMinKeyframesForLocal;
   full_pending_ = true;
   velocity_rounds_ = 0;
 }
 
-// One keyframe too many: the least useful one goes [phone 3.3]. If none can, the newest one does, and the map is full.
+// Called with one keyframe too many: erases the least useful one [phone 3.3]. If none can be erased, the newest
+// keyframe is discarded, and the map is full.
 Task<> Mapper::make_room() {
   int gone = co_await culling_->choose();
   if (gone >= 0) {
@@ -144,21 +165,21 @@ Task<> Mapper::make_room() {
     if (map_.keyframes()[k].live() && (gone < 0 || map_.keyframes()[k].id > map_.keyframes()[gone].id)) gone = k;
   map_.erase_keyframe(gone);
   map_.forget_keyframe(gone);
-  meter_.charge(Work::kOther, 50LL * map_.points().size());
+  meter_.charge(Work::kOther, kErasePointInstructions * map_.points().size());
 }
 
-// The tracker measures the most useful points of a frame only; the others that should be visible are searched now.
+// Searches the points that should be visible in a new keyframe and that the tracker has not measured in it.
 Task<> Mapper::measure_remaining_points(int keyframe) {
   SearchOptions options;
   options.level = config_.search_level;
-  options.radius_px = 3;
-  options.max_relative_zmssd = 0.3f;
+  options.radius_px = kRemainingRadius_px;
+  options.max_relative_zmssd = kRemainingZmssd;
   for (int i = 0; i < map_.points().size(); ++i) {
     const MapPoint& point = map_.points()[i];
     if (point.id == 0) continue;
     co_await slice();
     const bool measured = map_.measured_in(point, keyframe);
-    meter_.charge(Work::kOther, 100);
+    meter_.charge(Work::kOther, kLookUpInstructions);
     if (measured) continue;
     PredictedPoint predicted;
     meter_.charge(Work::kOther, kPredictionInstructions);

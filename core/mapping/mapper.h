@@ -1,9 +1,10 @@
-// The map maker: what happens in idle time [ptam 6, phone 3, 5.2].
+// The mapper: the background job that makes and maintains the map in idle time [ptam 6, phone 3, 5.2].
 //
-//   a new map becomes one that may be shown (InitialMap);
-//   a new keyframe is inserted: measurements taken over, remaining visible points searched, new points made by the
-//   point source; then bundle adjustment, local and full, and hygiene;
-//   where there are too many keyframes one goes, or the newcomer if none can.
+// - A map that an initialiser has made is finished (InitialMap).
+// - A new keyframe is inserted: the tracker's measurements are taken over, the remaining visible points are searched,
+// and
+//   the point source makes new points. Then follow bundle adjustment, local and full, and Hygiene.
+// - When there are too many keyframes the least useful one is erased. If none can be, the new one is discarded.
 #pragma once
 
 #include "map/map.h"
@@ -20,7 +21,7 @@ namespace pptam {
 
 class Mapper : public Background {
  public:
-  // Point source and keyframe culling are Config's.
+  // Builds point source and keyframe culling by Config's functions.
   Mapper(Arena& arena, const Config& config, Map& map, WorkMeter& meter, CornerSource* corner_source);
 
   bool has_work() const;
@@ -47,9 +48,9 @@ class Mapper : public Background {
   Task<> task_;
   bool resting_ = true;  // the job has nothing left to do
   bool local_pending_ = false, full_pending_ = false;
-  int newest_ = -1;
-  int velocity_rounds_ = 0;
-  uint32_t epoch_ = UINT32_MAX;  // of the map that the job works on; none yet
+  int newest_ = -1;              // keyframe to adjust locally; -1: none
+  int velocity_rounds_ = 0;      // since the last new keyframe
+  uint32_t epoch_ = UINT32_MAX;  // Map::epoch() that the job works on; at first none
 };
 
 }  // namespace pptam

@@ -8,13 +8,16 @@ namespace pptam {
 
 namespace {
 
-constexpr float kReach = 0.25f;  // of the distance from the camera
-constexpr int kMinOnPlane = 6;
-// A plane: its points are no further from it than this, rms, in distances from the camera, and than a fifth of how far
-// they spread in their second direction.
+// Largest distance of a neighbour, as a share of the point's distance from its source camera. Not swept.
+constexpr float kReach = 0.25f;
+constexpr int kMinOnPlane = 6;  // points, the middle one included, for a plane; not swept
+// Points lie on a plane when their rms distance from it is below kMaxOffPlane of the distance from the camera, and
+// their spread in the second direction is over kFlatness times that rms distance. Ratios, not swept.
 constexpr float kMaxOffPlane = 0.01f;
 constexpr float kFlatness = 5.0f;
-constexpr float kMinCosSlant = 0.4f;  // between viewing ray and normal: 66 degrees
+// Cosine of the angle between viewing ray and plane normal: 66 degrees. At steeper views the normal is poorly known.
+// Not swept.
+constexpr float kMinCosSlant = 0.4f;
 
 }  // namespace
 

@@ -1,10 +1,10 @@
-// What the nearest points of the map say of a point: how its patch lies, and whether it is the same as one of them.
+// Uses the nearest map points of a point: for the normal of its patch, and to find duplicates.
 //
-// A patch begins facing the camera that it was cut from. Seen from elsewhere it is then warped wrongly and found a
-// little beside its place, or not at all. Where a point and its neighbours lie on a plane, the patch is taken to lie on
+// A patch is first taken to face its source camera. From other viewpoints its warp is wrong then, and it is found
+// beside its true position or not at all. Where a point and its neighbours lie on a plane, the patch is taken to lie on
 // it too.
 //
-// The mapper calls, for every point when bundle adjustment has come to rest. Frames as in map.h. Cost: about 12 ARMv6
+// Called by the mapper for every point, when bundle adjustment has converged. Frames as in map.h. Cost: about 12 ARMv6
 // instructions for each point of the map to find the neighbours of one, some 5000 for their plane (estimates).
 #pragma once
 
@@ -12,20 +12,21 @@
 
 namespace pptam {
 
-// Not critical: from 7 to 16 no difference was seen on the emulated phone.
+// Points for a plane, the middle one included. Not critical: 7, 12 and 16 were equally good on the emulated phone
+// (seven scenes, six seeds each).
 constexpr int kNeighbours = 12;
 
-// Indices into Map::points of the nearest to a point, itself first, by ascending distance; of equally distant ones the
-// lower slot first. None beyond a quarter of its distance from the camera that its patch comes from.
+// Indices into Map::points() of the points nearest to a point: the point itself, then the others by ascending distance,
+// and by slot at equal distances. Within a quarter of the point's distance from its source camera.
 using Neighbours = InlineVector<int, kNeighbours>;
 Neighbours find_neighbours(const Map& map, int point);
 
-// Normal of the plane through the neighbours, in the frame of the point's source keyframe, towards its camera. False,
-// with the output unchanged, where fewer than six are near, they do not agree on a plane, or it is seen too much from
-// the side.
+// Normal of the plane through the neighbours, unit, in the frame of the point's source keyframe, towards its camera.
+// False, with the output unchanged, when there are fewer than six neighbours, they do not lie on a plane, or the camera
+// sees the plane at over 66 degrees from its normal.
 bool fit_patch_normal(const Map& map, const Neighbours& neighbours, Vector3f* normal_k);
 
-// Does the position of `point` explain all that was measured of `other`, each to within one sigma?
+// True when the position of `point` projects to within one sigma of every measurement of `other`.
 bool explains(const Map& map, const Camera& camera, const MapPoint& point, const MapPoint& other);
 
 }  // namespace pptam

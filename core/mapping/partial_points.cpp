@@ -9,13 +9,25 @@ namespace pptam {
 
 namespace {
 
-constexpr uint8_t kCornerLevel = 1;  // how precisely a partial point's corner is known
+constexpr uint8_t kCornerLevel = 1;  // level of the corner's measurement: its sigma is 2 px, without refinement
+// Distance of a new corner from the points in the image, level-0 px: "sufficiently far" [phone 5.2]. Not swept.
 constexpr float kMinCornerDistance_px = 10.0f;
+// Reprojection error of a triangulated point, level-0 px: two sigma of level 1. More is off the epipolar line. Not
+// swept.
 constexpr float kMaxPromotionError_px = 4.0f;
-constexpr float kMinParallax_rad = 0.015f;
+constexpr float kMinParallax_rad = 0.015f;  // between the two rays: 0.9 degrees; not swept
+// Sigma of a promoted point's depth relative to the depth. Not swept. Larger values promote sooner, with worse depths.
 constexpr float kMaxRelativeDepthSigma = 0.15f;
-constexpr float kMeasurementNoise_px = 0.8f;  // sub-pixel noise and what the rolling shutter's correction leaves
-constexpr int64_t kTriangulationInstructions = 3500;  // of a partial point, with its checks, as counted for the ARM1176
+// Noise of a measurement, level-0 px: sub-pixel noise and the error of the rolling shutter's correction. Not swept.
+constexpr float kMeasurementNoise_px = 0.8f;
+// Radius of the search, pixels of the level searched [phone 4]: where the depth is known, or where the line's length is
+// not. Otherwise a margin for the pose's error, plus the length that one sigma of the inverse depth has in the image,
+// within bounds. The margin and bounds are not swept.
+constexpr float kSearchRadius_px = 4;
+constexpr float kMargin_px = 2.0f, kMinRadius_px = 3.0f, kMaxRadius_px = 8.0f;
+// ARMv6 instructions to triangulate a partial point, with its checks, as counted for the ARM1176.
+constexpr int64_t kTriangulationInstructions = 3500;
+constexpr int64_t kCornerDistanceInstructions = 6;  // of a new corner from one occupied position: an estimate
 
 }  // namespace
 
@@ -39,13 +51,14 @@ Task<> PartialPoints::promote_all(int keyframe) {
     const PartialPoint& partial = map_.partial_points()[i];
     if (partial.id == 0 || partial.source.keyframe == keyframe) continue;
     co_await background_.slice();
-    if (partial.id != 0 && !promote(i, keyframe)) co_return;  // the tracker may have dropped it meanwhile
+    if (partial.id != 0 && !promote(i, keyframe)) co_return;  // the tracker may have removed it during the pause
   }
 }
 
-// One that the new keyframe sees is triangulated from its original keyframe and becomes a map point; what the filter
-// knew was good for finding it only [phone 5.2]. If its keyframe has been erased it is measured in the live keyframe
-// nearest to that as well: a point needs two measurements. False when the map can take no more points.
+// Searches a partial point in the new keyframe. If it is found it is triangulated against its source keyframe and
+// becomes a map point; the filter's depth serves for the search only [phone 5.2]. If the source keyframe has been
+// erased, the point is also measured in the live keyframe nearest to it, since a map point needs two measurements in
+// live keyframes. False when the map can take no more points.
 bool PartialPoints::promote(int i, int keyframe) {
   const Camera& camera = config_.camera;
   const PartialPoint& partial = map_.partial_points()[i];
@@ -56,15 +69,15 @@ bool PartialPoints::promote(int i, int keyframe) {
   PredictedPoint predicted;
   meter_.charge(Work::kOther, 2 * kPredictionInstructions);
   if (!predict_in_keyframe(map_, camera, keyframe, p_w, &predicted)) return true;
-  // Along the epipolar line as far as two sigma of the depth reach, from either side.
+  // The search's circle reaches one sigma of the inverse depth along the epipolar line, on either side.
   const float sigma_q = partial.information > 0 ? 1.0f / std::sqrt(partial.information) : partial.inverse_depth;
   const Vector3f further_w = T_ws * Vector3f(partial.ray / (partial.inverse_depth + sigma_q));
   PredictedPoint further;
   SearchOptions options;
   options.level = config_.search_level;
-  options.radius_px = 4;
+  options.radius_px = kSearchRadius_px;
   if (predict_in_keyframe(map_, camera, keyframe, further_w, &further))
-    options.radius_px = std::clamp(2.0f + (further.px - predicted.px).norm(), 3.0f, 8.0f);
+    options.radius_px = std::clamp(kMargin_px + (further.px - predicted.px).norm(), kMinRadius_px, kMaxRadius_px);
   ImagePoint found;
   const SearchOutcome outcome = finder_.find(partial.source, p_w, predicted, target.pyramid, options, &found);
   if (outcome == SearchOutcome::kNotVisible) return true;
@@ -84,14 +97,14 @@ bool PartialPoints::promote(int i, int keyframe) {
   if (!camera.project(triangulated.p_1, &check_source) || !camera.project(T_ts * triangulated.p_1, &check_target) ||
       (check_source - px_source).norm() > kMaxPromotionError_px ||
       (check_target - px_target).norm() > kMaxPromotionError_px) {
-    map_.count_partial_search(i, false);  // off the epipolar line: another patch
+    map_.count_partial_search(i, false);  // off the epipolar line: a wrong match
     return true;
   }
   p_w = T_ws * triangulated.p_1;
   Measurement first{{partial.source.px, kCornerLevel}, partial.source.keyframe};
   if (!source.live()) {
     first.keyframe = static_cast<int16_t>(map_.nearest_live(partial.source.keyframe, keyframe));
-    options.radius_px = 4;
+    options.radius_px = kSearchRadius_px;
     if (!predict_in_keyframe(map_, camera, first.keyframe, p_w, &predicted) ||
         finder_.find(partial.source, p_w, predicted, map_.keyframes()[first.keyframe].pyramid, options, &first.at) !=
             SearchOutcome::kFound ||
@@ -108,7 +121,7 @@ bool PartialPoints::promote(int i, int keyframe) {
   return true;
 }
 
-// Where points and partial points are in the keyframe.
+// Collects the positions of map points and partial points in the keyframe, for add_corners().
 Task<> PartialPoints::find_occupied(int keyframe) {
   occupied_.clear();
   PredictedPoint predicted;
@@ -126,7 +139,7 @@ Task<> PartialPoints::find_occupied(int keyframe) {
   }
 }
 
-// Up to Config::max_new_partial_points corners of the keyframe, far enough from what is there [phone 5.2].
+// Adds up to Config::max_new_partial_points corners of the keyframe that are far enough from all points [phone 5.2].
 Task<> PartialPoints::add_corners(int keyframe) {
   const Keyframe& frame = map_.keyframes()[keyframe];
   co_await find_occupied(keyframe);
@@ -142,7 +155,7 @@ Task<> PartialPoints::add_corners(int keyframe) {
     bool free = true;
     for (const Vector2f& other : occupied_)
       free = free && (other - px).squaredNorm() > kMinCornerDistance_px * kMinCornerDistance_px;
-    meter_.charge(Work::kOther, 6LL * occupied_.size());
+    meter_.charge(Work::kOther, kCornerDistanceInstructions * occupied_.size());
     if (!free) continue;
     const Vector2f normalised = config_.camera.unproject(px);
     const Vector3f ray(normalised.x(), normalised.y(), 1.0f);

@@ -1,4 +1,4 @@
-// The phone's point source: corners of one keyframe whose depth is found while the camera moves on [phone 5.2].
+// Point source of the phone profile: corners of one keyframe, whose depth is found in the frames after it [phone 5.2].
 //
 //   corner of a keyframe ─▶ partial point ─▶ DepthFilter (tracking), frame by frame ─▶ promoted at a later keyframe
 //
@@ -18,7 +18,7 @@ class PartialPoints final : public PointSource {
   PartialPoints(Arena& arena, const Config& config, Map& map, WorkMeter& meter, Background& background,
                 CornerSource* corner_source);
 
-  // Partial points that the keyframe sees become map points; new corners of the keyframe become partial points.
+  // Turns partial points that are found in the keyframe into map points, and new corners of it into partial points.
   Task<> grow(int keyframe) override;
 
   FrameStack& frames() { return background_.frames(); }

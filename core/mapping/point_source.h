@@ -1,5 +1,5 @@
-// Where new map points come from: one kind is chosen by Config. The mapper asks once for each keyframe, when all known
-// points have been searched in it.
+// Interface of what makes new map points. Config chooses the kind. The mapper calls it once for each keyframe, after
+// all known points have been searched in it.
 #pragma once
 
 #include "scheduler/task.h"
@@ -8,9 +8,8 @@ namespace pptam {
 
 class PointSource {
  public:
-  // A coroutine of the mapper's. The keyframe is live, and the map's newest. May add points, with at least two
-  // measurements each, and partial points, and change its own as it likes; the map must be consistent wherever it
-  // pauses.
+  // A coroutine run by the mapper. `keyframe` is live and the newest of the map. May add points with at least two
+  // measurements each, and add, change and remove partial points. The map must be consistent wherever it pauses.
   virtual Task<> grow(int keyframe) = 0;
 
  protected:

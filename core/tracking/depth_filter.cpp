@@ -7,13 +7,20 @@ namespace pptam {
 
 namespace {
 
-constexpr int kMaxFailures = 12;            // before a point that is missed more often than found goes
-constexpr float kInverseDepthRange = 2.5f;  // points are sought within mean / range to mean * range
-constexpr float kUnknownSigma = 1e9f;       // of an inverse depth
-// Half the search's length along the line and its margin, pixels of the level searched: what the pose leaves open.
+// Failed searches after which a point that was missed more often than found is removed. Not swept.
+constexpr int kMaxFailures = 12;
+// Inverse depths are sought within mean / range to mean * range, mean being the scene's: a ratio, not swept. Larger
+// values search longer lines and find more accidental matches; smaller ones lose near and far points.
+constexpr float kInverseDepthRange = 2.5f;
+constexpr int kRangeSigmas = 2;        // half length of the search along the line, in sigmas of the inverse depth
+constexpr float kUnknownSigma = 1e9f;  // sigma of an unknown inverse depth, world units^-1: as good as infinite
+// Radius of the search, pixels of the level searched: half of the line's length plus a margin for the pose's error.
+// Not swept.
 constexpr float kMargin_px = 2.0f, kMinRadius_px = 3.0f, kMaxRadius_px = 8.0f;
-constexpr float kMaxAcross_px = 3.0f;   // off the epipolar line: more than the pose explains is another patch
-constexpr float kMinSlope_sq = 1e-12f;  // of d(px)/dq, under which the line has no direction
+// Largest distance from the epipolar line, level-0 pixels: more than the pose's error is another patch. Not swept.
+constexpr float kMaxAcross_px = 3.0f;
+constexpr float kMinSlope_sq = 1e-12f;  // |d(px)/dq|^2 under which the line has no direction; guards a division
+constexpr float kMinRange = 1e-6f;      // of inverse depths, relative to the mean; guards a division
 
 }  // namespace
 
@@ -33,10 +40,10 @@ void DepthFilter::search(int slot, const Pyramid& pyramid, const MotionModel& mo
   const float mean_q = 1.0f / motion.mean_depth();
   const SE3 T_wk = map_.keyframes()[partial.source.keyframe].T_kw.inverse();
   const float sigma = partial.information > 0 ? 1.0f / std::sqrt(partial.information) : kUnknownSigma;
-  const float q_near = std::min(partial.inverse_depth + 2 * sigma, kInverseDepthRange * mean_q);
-  const float q_far = std::max(partial.inverse_depth - 2 * sigma, mean_q / kInverseDepthRange);
+  const float q_near = std::min(partial.inverse_depth + kRangeSigmas * sigma, kInverseDepthRange * mean_q);
+  const float q_far = std::max(partial.inverse_depth - kRangeSigmas * sigma, mean_q / kInverseDepthRange);
   if (!(q_near >= q_far)) {
-    map_.remove_partial_point(slot);  // its depth has left the scene's range
+    map_.remove_partial_point(slot);  // its depth is outside of the scene's range
     return;
   }
   const auto project_at = [&](float q, PredictedPoint* predicted) {
@@ -48,8 +55,8 @@ void DepthFilter::search(int slot, const Pyramid& pyramid, const MotionModel& mo
   if (!project_at(q, &predicted) || !project_at(q_near, &nearest) || !project_at(q_far, &farthest) ||
       !config_.camera.in_image(predicted.px, kSearchBorder_px))
     return;
-  // d(px)/dq along the epipolar line, from the ends of the range.
-  const Vector2f J = (nearest.px - farthest.px) / std::max(q_near - q_far, 1e-6f * mean_q);
+  // J = d(px)/dq along the epipolar line: difference quotient over the range's ends.
+  const Vector2f J = (nearest.px - farthest.px) / std::max(q_near - q_far, kMinRange * mean_q);
   SearchOptions options;
   options.level = config_.search_level;
   const float half_length = 0.5f * (nearest.px - farthest.px).norm() / static_cast<float>(1 << options.level);

@@ -12,8 +12,8 @@ class DepthFilter {
   DepthFilter(const Config& config, Map& map, WorkMeter& meter)
       : config_(config), map_(map), finder_(map, config.camera, meter) {}
 
-  // The next ones in turn, up to Config::max_partial_searches; `motion` has the frame's pose. Those found are added to
-  // observed. result counts attempted and found.
+  // Searches partial points in turn, up to Config::max_partial_searches, and updates their inverse depths. `motion` has
+  // the frame's pose. Found points are added to `observed`; `result` counts attempts and finds.
   void update(const Pyramid& pyramid, const MotionModel& motion, FixedVector<ObservedPoint>* observed,
               TrackResult* result);
   void restart() { next_ = 0; }
@@ -25,7 +25,7 @@ class DepthFilter {
   const Config& config_;
   Map& map_;
   PatchFinder finder_;
-  int next_ = 0;  // slot of Map::partial_points()
+  int next_ = 0;  // slot of Map::partial_points() where the next frame's search begins
 };
 
 }  // namespace pptam

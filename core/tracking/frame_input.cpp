@@ -8,7 +8,8 @@ namespace pptam {
 
 namespace {
 
-constexpr float kFirstInterval_s = 1.0f / 15.0f;  // taken for that before the first frame
+// Interval reported for the first frame, which has none before it: the phone's 15 Hz [phone 1].
+constexpr float kFirstInterval_s = 1.0f / 15.0f;
 
 }  // namespace
 
@@ -31,6 +32,7 @@ void FrameInput::take(const Frame& frame) {
   if (grey.data == grey_storage_.data)
     meter_.charge(Work::kGreyPixel, static_cast<int64_t>(frame.width) * frame.height);
   pyramid_ = build_pyramid(grey, pyramid_storage_);
+  // Levels 1 to 4 together have a third of level 0's pixels.
   meter_.charge(Work::kPyramidPixel, static_cast<int64_t>(frame.width) * frame.height / 3);
   std::swap(small_, previous_small_);
   make_small_image(pyramid_, small_);

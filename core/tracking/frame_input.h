@@ -1,4 +1,4 @@
-// A frame as the tracker sees it: grey, as a pyramid, and as a small image, beside the small image of the frame before.
+// A frame as the tracker uses it: a grey pyramid and a small blurred image, with the small image of the frame before.
 #pragma once
 
 #include <pocket_ptam/camera_model.h>
@@ -7,7 +7,7 @@
 
 namespace pptam {
 
-// Through double: timestamps may be further apart than int64 can tell.
+// Computed in double: the difference of two timestamps may overflow int64.
 inline float elapsed_s(int64_t from_ns, int64_t to_ns) {
   return static_cast<float>((static_cast<double>(to_ns) - static_cast<double>(from_ns)) * 1e-9);
 }
@@ -16,7 +16,7 @@ class FrameInput {
  public:
   FrameInput(Arena& arena, const CameraModel& camera, WorkMeter& meter);
 
-  // frame has been validated. Level 0 may point into it.
+  // The frame must be validated. Level 0 may point into the frame's memory.
   void take(const Frame& frame);
 
   int64_t timestamp_ns() const { return timestamp_ns_; }

@@ -10,59 +10,81 @@ namespace pptam {
 
 namespace {
 
-// A first view is taken when the image moves by at most so much, in level-0 px, while it is read out and exposed: more
-// blurs the corners, and the rolling shutter is corrected by the full-frame rotation alone. A tenth of it uncorrected
-// shifts one end of the readout against the other by half a pixel. And at most so fast where both times are short or
-// unknown, in radians/s of apparent rotation.
+// Largest image motion of a first view during its readout and exposure, level-0 px. More blurs the corners. The rolling
+// shutter is corrected by the full-frame rotation alone: an error of a tenth of this motion shifts one end of the
+// readout against the other by half a pixel. Not swept.
 constexpr float kMaxStartMotion_px = 6.5f;
+// Largest apparent rotation of a first view, radians/s: decides where both times are short or unknown. Not swept.
 constexpr float kMaxStartSpeed = 0.6f;
-constexpr int kMaxBadFrames = 5;
+constexpr int kMaxBadFrames = 5;  // bad frames in a row that a start survives; not swept
 // A measurement's noise, level-0 px, for judging how well a decomposition is constrained. Measured against the truth in
 // 2200 frames of 40 emulated starts on planes: the normal's error was 0.42 (median) and 1.5 (99 %) times what sigma_n
 // says for 1 px, which is 0.36 to 0.5 px for the Rayleigh distribution. Most of it is tremor within the readout.
 constexpr float kDecompositionNoise_px = 0.5f;
-constexpr float kMaxSigmaNormal_rad = 0.045f;  // 2.6 degrees
-constexpr float kMinBaseline = 0.03f;          // t / d
-// Stage 2 begins when the information of the frames adds up to that of one frame in which everything is known so many
-// times better than it must be. Frames within kSameNoise_s share their tremor and count once; those in which too little
-// is known do not count. Who moves on gets a better map, who stops moving gets one at all.
-constexpr float kWellKnown = 2.0f;
+// Standard deviation of the plane's normal, 2.6 degrees: just under the 3 degrees at which a decomposition is accepted
+// (derived: 50 points, 1 px of noise, a frontal plane reach 3.1 degrees at t / d = 0.05). Not swept.
+constexpr float kMaxSigmaNormal_rad = 0.045f;
+constexpr float kMinBaseline = 0.03f;  // t / d, a ratio: less is hard to tell from pure rotation; not swept
+// Stage 2 begins when the summed information of the frames is that of one frame in which everything is known this many
+// times better than required, a ratio: a camera that keeps moving soon reaches it in one frame, and one that stops
+// reaches it by waiting. Not swept.
+constexpr float kRequiredMargin = 2.0f;
+// Margin under which a frame adds no information, and under which stage 2 does not begin: a ratio, not swept.
 constexpr float kMinMargin = 0.8f;
-constexpr float kSameNoise_s = 0.2f;
+// Frames within this time share the hand's tremor, s: together they count as one. Not swept.
+constexpr float kTremorCorrelation_s = 0.2f;
+// d1 / d3 - 1 of the homography's singular values under which it is a pure rotation [phone 5.1]. Not swept.
 constexpr float kPureRotationTolerance = 0.02f;
-constexpr float kTurned_rad = 0.14f;  // 8 degrees without a baseline: say so
-// What counts as a plane: residuals' scale, and the share of the found points that fit. A plane leaves at most the
-// floor of the scale (0.3 px in all of 960 frames of planes under three shutters); a homography bends to fit two walls
-// of a corner within 0.4 to 1 px, and so do a plane and a wrong calibration: then stage 2 has to tell.
+// Rotation without a baseline, 8 degrees, from which on the user is told (Hint::kOnlyRotating). Not swept.
+constexpr float kMaxPureTurn_rad = 0.14f;
+// What counts as a plane: robust scale of the residuals, level-0 px, and share of the found points that fit. On planes
+// the scale stays at its floor (0.3 px in all of 960 frames under three shutters). A homography fits the two walls of a
+// corner, or a plane with a wrong calibration, within 0.4 to 1 px: above the lower bound stage 2 has to decide.
+// The upper bound and the share are not swept.
 constexpr float kCertainPlanarSigma_px = 0.4f;
 constexpr float kMaxPlanarSigma_px = 1.2f;
 constexpr float kMinPlanarShare = 0.7f;
 
-// General motion.
-constexpr int kRelativeSteps = 8;      // at most, of one start
-constexpr int kRelativeBudget = 1200;  // points times steps, after which a frame tries no further start
-constexpr float kEpipolarFloor_px = 0.3f;
-constexpr float kMaxEpipolarSigma_px = 1.2f;
-constexpr float kMinEpipolarShare = 0.7f;
-constexpr float kMaxDepthSigma = 0.06f;  // of the median point, relative
+// General motion, from the epipolar constraint.
+constexpr int kRelativeSteps = 8;  // iterations of one start at most; not swept
+// Points times iterations after which a frame tries no further start: about 1.2 million ARMv6 instructions, which keeps
+// the counted worst frame of a start in clutter at 3.9 million (tests/budget).
+constexpr int kRelativeBudget = 1200;
+constexpr float kEpipolarFloor_px = 0.3f;     // smallest robust scale: kStartSigma_px * kRobustSigmaFloor, as of H
+constexpr float kMaxEpipolarSigma_px = 1.2f;  // robust scale, level-0 px; not swept
+constexpr float kMinEpipolarShare = 0.7f;     // inliers among the found points, a ratio; not swept
+// How well the relative pose must be known: sigma of the median point's depth, relative to the depth, and of the
+// translation's direction. Not swept.
+constexpr float kMaxDepthSigma = 0.06f;
 constexpr float kMaxDirectionSigma_rad = 0.1f;
-constexpr int kDirectionCount = 9;  // half a sphere: the sign follows from the points' side
+constexpr int kPlanarStarts = 2;  // the decomposition's solutions, tried as starts too
+// Directions of translation to start from, over half a sphere: the sign follows from the points' side.
+constexpr int kDirectionCount = 9;
 constexpr float kDirections[kDirectionCount][3] = {{1, 0, 0},        {0, 1, 0},       {0.7f, 0.7f, 0},
                                                    {0.7f, -0.7f, 0}, {0, 0, 1},       {0.7f, 0, 0.7f},
                                                    {-0.7f, 0, 0.7f}, {0, 0.7f, 0.7f}, {0, -0.7f, 0.7f}};
+constexpr int kStartCount = kPlanarStarts + kDirectionCount;
 
-constexpr int64_t kHypothesisTimeout_ns = 4'000'000'000;
-// A new first view is taken from the present frame when nothing has come of the old one for so long, and when the
-// motion is hardly known and so few of the points are left in sight: turning on the spot makes the first view
-// worthless.
+constexpr int64_t kHypothesisTimeout_ns = 4'000'000'000;  // stage 2 is given up after 4 s; not swept
+// A new first view is taken from the present frame after this time without stage 2: 10 s, not swept.
 constexpr int64_t kFirstViewTimeout_ns = 10'000'000'000;
+// A new first view is also taken when less than this share of the points is in sight at less than this progress: after
+// turning on the spot the old first view is of no use. Ratios, not swept.
 constexpr float kMinVisibleShare = 0.6f;
-// Of the search in L1: the prediction from the last frame's motion leaves little; without it a slanted plane's
-// parallax.
+constexpr float kMinProgressToKeep = 0.5f;
+// Radius of the search, pixels of the level searched. With a prediction from the last frame's motion the smaller one is
+// enough. Without a prediction a slanted plane's parallax is to be covered [phone 4: 4 px]. Not swept.
 constexpr float kRadius_px = 3.0f, kWideRadius_px = 4.0f;
-constexpr float kBlurLimit_px = 6.0f;  // image motion within the exposure at which L1 becomes useless
-constexpr float kOffPlane = 0.1f;      // of a point's depth on the plane, beyond which it does not lie on it
-constexpr float kMinSigma = 1e-6f;     // of a quantity known perfectly
+constexpr int kMinFramesToPredict = 2;  // frames tracked well before the last motion predicts the next
+// Image motion within the exposure, level-0 px, at which L1 is too blurred to search: a third of the 16 px that a
+// template covers. A view is recorded at up to half of it. Not swept.
+constexpr float kBlurLimit_px = 6.0f;
+constexpr float kMaxSharpBlur_px = 0.5f * kBlurLimit_px;
+// Distance from the plane, relative to the plane's depth, up to which a point's patch gets the plane's normal. Not
+// swept.
+constexpr float kOffPlane = 0.1f;
+constexpr float kMinSigma = 1e-6f;   // of a quantity that is known perfectly: guards a division
+constexpr float kNoBaseline = 1e9f;  // t / d, before any solution has been looked at
 
 }  // namespace
 
@@ -94,7 +116,7 @@ Hint HomographyInitialiser::start(const FrameInput& frame, const Vector3f& rotat
   recorder_.start(frame, tracker_.points());
   previous_ns_ = start_ns_ = frame.timestamp_ns();
   frames_ = bad_frames_ = 0;
-  known_ = 0;
+  information_ = 0;
   relative_ = RelativePose();
   next_start_ = 0;
   stage_ = Stage::kHomography;
@@ -116,7 +138,7 @@ Initialiser::Progress HomographyInitialiser::track(const FrameInput& frame, cons
   const float blur_px = so3_log(R_cp).norm() / dt_s * config_.exposure_s * config_.camera.model.fx;
   SearchOptions options;
   options.level = blur_px > kBlurLimit_px ? config_.coarse_search_level : config_.search_level;
-  options.radius_px = bad_frames_ > 0 || frames_ < 2 ? kWideRadius_px : kRadius_px;
+  options.radius_px = bad_frames_ > 0 || frames_ < kMinFramesToPredict ? kWideRadius_px : kRadius_px;
   const bool good = tracker_.track(recorder_.first_pyramid(), frame.pyramid(), dt_s, R_cp, options);
   report_.hint = blur_px > kBlurLimit_px ? Hint::kTooFast : Hint::kMoveSideways;
   report_.observed = tracker_.observed();
@@ -125,14 +147,14 @@ Initialiser::Progress HomographyInitialiser::track(const FrameInput& frame, cons
   if (!good) return ++bad_frames_ > kMaxBadFrames ? give_up() : Progress::kTracking;
   bad_frames_ = 0;
   ++frames_;
-  const bool sharp = blur_px < 0.5f * kBlurLimit_px;
+  const bool sharp = blur_px < kMaxSharpBlur_px;
   recorder_.note(frame, tracker_.points(), sharp);
   if (stage_ == Stage::kHypotheses) return compare(frame, dt_s);
   constrain(frame, R_cp, dt_s, sharp);
   return Progress::kTracking;
 }
 
-// Stage 1: how well is the motion known?
+// Stage 1: judges how well the motion is known, and begins stage 2 when that is enough.
 void HomographyInitialiser::constrain(const FrameInput& frame, const Matrix3f& R_cp, float dt_s, bool sharp) {
   const std::span<const Vector2f> inliers = tracker_.inlier_rays();
   const Decomposition decomposition = decompose_homography(tracker_.H(), inliers, kPureRotationTolerance);
@@ -141,14 +163,14 @@ void HomographyInitialiser::constrain(const FrameInput& frame, const Matrix3f& R
   const bool certainly_planar = planar && tracker_.sigma_px() < kCertainPlanarSigma_px;
   const Vector3f rotation_rate = so3_log(R_cp) / dt_s;
   if (planar && (decomposition.pure_rotation || decomposition.count == 0)) {
-    if (sharp && so3_log(orthonormalised(tracker_.H())).norm() > kTurned_rad) report_.hint = Hint::kOnlyRotating;
-    report_.progress = known_ = 0;
+    if (sharp && so3_log(orthonormalised(tracker_.H())).norm() > kMaxPureTurn_rad) report_.hint = Hint::kOnlyRotating;
+    report_.progress = information_ = 0;
     renew_first_view(frame, rotation_rate);
     return;
   }
   const float margin = certainly_planar ? planar_margin(decomposition) : general_margin(decomposition);
-  if (margin > kMinMargin) known_ += margin * margin * dt_s / kSameNoise_s;
-  report_.progress = std::clamp(std::max(margin, std::sqrt(known_)) / kWellKnown, 0.0f, 1.0f);
+  if (margin > kMinMargin) information_ += margin * margin * dt_s / kTremorCorrelation_s;
+  report_.progress = std::clamp(std::max(margin, std::sqrt(information_)) / kRequiredMargin, 0.0f, 1.0f);
   if (report_.progress < 1 || margin < kMinMargin || !sharp) {
     renew_first_view(frame, rotation_rate);
     return;
@@ -159,7 +181,7 @@ void HomographyInitialiser::constrain(const FrameInput& frame, const Matrix3f& R
   stage_ = Stage::kHypotheses;
 }
 
-// Stage 2: which map is right?
+// Stage 2: tracks the rival maps until one wins.
 Initialiser::Progress HomographyInitialiser::compare(const FrameInput& frame, float dt_s) {
   const StartHypotheses::Outcome outcome = hypotheses_.track(tracker_, dt_s);
   if (outcome == StartHypotheses::Outcome::kDecided) {
@@ -173,17 +195,17 @@ Initialiser::Progress HomographyInitialiser::compare(const FrameInput& frame, fl
 
 void HomographyInitialiser::renew_first_view(const FrameInput& frame, const Vector3f& rotation_rate) {
   const bool out_of_sight =
-      report_.progress < 0.5f &&
+      report_.progress < kMinProgressToKeep &&
       static_cast<float>(tracker_.attempted()) < kMinVisibleShare * static_cast<float>(tracker_.searched_at_once());
   if (!out_of_sight && frame.timestamp_ns() - start_ns_ < kFirstViewTimeout_ns) return;
   const Hint hint = report_.hint;
   if (start(frame, rotation_rate) == Hint::kNone) report_.hint = hint;
 }
 
-// How well constrained the plane's decomposition is, by its worst quantity, relative to what is needed. Both solutions
-// must be.
+// How well constrained the plane's decomposition is: required over reached sigma of its worst quantity, a ratio. The
+// worse of the two solutions counts.
 float HomographyInitialiser::planar_margin(const Decomposition& decomposition) {
-  float worst_sigma_n = 0, shortest = 1e9f;
+  float worst_sigma_n = 0, shortest = kNoBaseline;
   for (int i = 0; i < decomposition.count; ++i) {
     const float sigma = std::max(tracker_.sigma_px(), kDecompositionNoise_px) / config_.camera.model.fx;
     const DecompositionQuality quality =
@@ -194,12 +216,13 @@ float HomographyInitialiser::planar_margin(const Decomposition& decomposition) {
   return std::min(kMaxSigmaNormal_rad / worst_sigma_n, shortest / kMinBaseline);
 }
 
-// No plane explains the points: how well the relative pose is known, as for the plane; 0 when it is not.
+// How well the relative pose is known when no plane explains the points: required over reached sigma of its worst
+// quantity, a ratio. 0 when no relative pose is found.
 float HomographyInitialiser::general_margin(const Decomposition& decomposition) {
   const std::span<const Correspondence> correspondences = tracker_.correspondences();
   seek_relative_pose(decomposition, correspondences);
   if (!relative_.ok || relative_.sigma > kMaxEpipolarSigma_px / config_.camera.model.fx) return 0;
-  if (next_start_ < kDirectionCount + 2) return 0;  // until all have been tried it may be a local minimum
+  if (next_start_ < kStartCount) return 0;  // a local minimum is possible until all starts have been tried
   const float depth_sigma = median_depth_sigma(correspondences);
   if (!(depth_sigma > 0)) return 0;
   const float inlier_share = static_cast<float>(relative_.inliers) / static_cast<float>(correspondences.size());
@@ -208,8 +231,8 @@ float HomographyInitialiser::general_margin(const Decomposition& decomposition) 
                   kMaxDirectionSigma_rad / std::max(relative_.sigma_t_rad, kMinSigma));
 }
 
-// From the epipolar constraint. Starts from the last frame's and, some in each frame, from the plane's solutions and
-// fixed directions of translation in turn; the cheapest is kept.
+// Relative pose from the epipolar constraint. Starts from the last frame's relative pose, and from the plane's
+// solutions and fixed directions of translation in turn, some in each frame. The result with the lowest cost is kept.
 void HomographyInitialiser::seek_relative_pose(const Decomposition& decomposition,
                                                std::span<const Correspondence> correspondences) {
   values_.resize(values_.capacity());
@@ -220,25 +243,26 @@ void HomographyInitialiser::seek_relative_pose(const Decomposition& decompositio
     const RelativePose pose = refine_relative_pose(correspondences, T_start, kRelativeSteps, floor, values_);
     spent += static_cast<int>(correspondences.size()) * pose.steps;
     if (!pose.ok) return;
-    // Compared at one scale, the smaller: as cost / scale^2 grows with what does not fit.
+    // Costs are given relative to each result's own scale^2: multiplied by it, they compare in one unit.
     const float scale = std::max(pose.sigma, floor), best_scale = std::max(best.sigma, floor);
     if (!best.ok || pose.cost * scale * scale < best.cost * best_scale * best_scale) best = pose;
   };
   const Matrix3f R = orthonormalised(tracker_.H());
   if (relative_.ok) attempt(relative_.T_21);
-  for (int i = 0; i < kDirectionCount + 2 && spent < kRelativeBudget; ++i) {
-    const int choice = next_start_++ % (kDirectionCount + 2);
-    if (choice < 2) {
+  for (int i = 0; i < kStartCount && spent < kRelativeBudget; ++i) {
+    const int choice = next_start_++ % kStartCount;
+    if (choice < kPlanarStarts) {
       if (choice < decomposition.count) attempt(decomposition.solutions[choice].T_21);
     } else {
-      attempt({R, Vector3f(kDirections[choice - 2][0], kDirections[choice - 2][1], kDirections[choice - 2][2])});
+      attempt({R, Vector3f(kDirections[choice - kPlanarStarts][0], kDirections[choice - kPlanarStarts][1],
+                           kDirections[choice - kPlanarStarts][2])});
     }
   }
   meter_.charge(Work::kHomographyPoint, spent);
   relative_ = best;
 }
 
-// How well the depths are known, relative: median over the points that triangulate; 0 when these are too few.
+// Sigma of a point's depth relative to the depth: median over the points that triangulate. 0 when these are too few.
 float HomographyInitialiser::median_depth_sigma(std::span<const Correspondence> correspondences) {
   values_.clear();
   for (const Correspondence& c : correspondences) {
@@ -262,7 +286,7 @@ bool HomographyInitialiser::build(Map& map, SE3* T_cw, Vector6f* velocity) {
   return true;
 }
 
-// Has the point a place, and two measurements?
+// True for a point with a triangulated position and measurements in two views or more.
 bool HomographyInitialiser::usable(const Hypothesis& hypothesis, int point) const {
   int views = 0;
   for (int k = 0; k < recorder_.count(); ++k) views += recorder_.view(k).points[point].found;
@@ -290,7 +314,7 @@ bool HomographyInitialiser::add_views(const Hypothesis& hypothesis, Map& map) {
   return true;
 }
 
-// The usable points, with what was found of them in views and in the frames next to these.
+// Adds the usable points with their measurements in the views and in the frames next to the views.
 bool HomographyInitialiser::add_points(const Hypothesis& hypothesis, Map& map) {
   const ViewRecorder::Neighbour* neighbours[2 * kMaxInitialKeyframes];
   int neighbour_count = 0;

@@ -3,15 +3,15 @@
 //   HomographyTracker ─▶ decomposition: is the motion well constrained? ─▶ StartHypotheses ─▶ build()
 //          └─▶ ViewRecorder: keyframes of the map to come
 //
-// Stage 1 tracks the first view's corners with a homography and decomposes it in every frame. Where H leaves more than
-// noise, the relative pose from the epipolar constraint is sought on the same points, a few starts in each frame
-// (beyond the paper). Once the motion is well constrained - sigma of the plane's normal, or of depth and direction,
-// added up over frames - stage 2 tracks rival maps until one wins. The result is a small map: the points and up to
-// eight keyframes spread over the way, in the first camera's frame, scaled so that the scene is about 1 away. The
-// mapper locates the keyframes and adjusts it.
+// Stage 1 tracks the first view's corners with a homography H and decomposes it in every frame. Where H leaves more
+// than noise, the relative pose is sought from the epipolar constraint on the same points, a few starts in each frame
+// (beyond the paper). The motion is well constrained when the sigma of the plane's normal, or of depth and direction,
+// is small; information is summed over frames. Then stage 2 tracks rival maps until one wins. The result is a small
+// map: the points and up to eight keyframes spread over the path, in the first camera's frame, scaled so that the scene
+// is at a distance of about 1. The mapper finds the keyframes' poses and adjusts the map.
 //
-// A first view that has gone out of sight by turning, or of which nothing has come in ten seconds, is replaced. No
-// frame costs more than about 6 million ARMv6 instructions: searches, starts and pose points of a frame are limited.
+// The first view is replaced when turning has moved it out of sight, and after ten seconds without stage 2. No frame
+// costs more than about 6 million ARMv6 instructions: searches, starts and pose points of a frame are limited.
 #pragma once
 
 #include "tracking/initialiser.h"
@@ -26,7 +26,7 @@ class HomographyInitialiser final : public Initialiser {
 
   Hint start(const FrameInput& frame, const Vector3f& rotation_rate) override;
   Progress track(const FrameInput& frame, const Matrix3f& R_cp) override;
-  // Keyframes between the first and the last get the last one's pose: the mapper finds theirs.
+  // Keyframes between the first and the last get the last one's pose: the mapper finds their own (InitialMap).
   bool build(Map& map, SE3* T_cw, Vector6f* velocity) override;
   void reset() override;
   bool active() const override { return stage_ != Stage::kIdle; }
@@ -52,18 +52,18 @@ class HomographyInitialiser final : public Initialiser {
   HomographyTracker tracker_;
   ViewRecorder recorder_;
   StartHypotheses hypotheses_;
-  FixedVector<float> values_;  // of which a median is sought
+  FixedVector<float> values_;  // scratch for medians
   Report report_;
 
   Stage stage_ = Stage::kIdle;
   int64_t previous_ns_ = 0;
   int64_t start_ns_ = 0;
   int64_t branch_ns_ = 0;  // when stage 2 began
-  int frames_ = 0;         // tracked well in this stage
-  int bad_frames_ = 0;     // in a row
-  float known_ = 0;        // information about the motion, summed over the frames; 1: known as well as it must be
-  RelativePose relative_;  // general motion, refined from frame to frame; ok: may be used as a start
-  int next_start_ = 0;     // which start is tried next, besides
+  int frames_ = 0;         // frames tracked well in the present stage
+  int bad_frames_ = 0;     // bad frames in a row
+  float information_ = 0;  // about the motion, summed over the frames; 1: that of one frame that reaches margin 1
+  RelativePose relative_;  // general motion, refined from frame to frame; ok: usable as a start
+  int next_start_ = 0;     // starts tried so far besides relative_; modulo their number, the next one
 };
 
 }  // namespace pptam

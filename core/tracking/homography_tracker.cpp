@@ -7,15 +7,17 @@ namespace pptam {
 
 namespace {
 
-constexpr int kMinCorners = 25;            // fewer cannot constrain 8 parameters well once some are lost
-constexpr float kMinFoundFraction = 0.3f;  // of the points expected in the image
-constexpr int kMinInliers = 14;
-constexpr float kResidualDecay = 0.7f;  // of an off-plane point's offset, per frame without a match
-// Of the first view's points, in turns: each costs about 45 thousand ARMv6 instructions of a frame's 6 million.
+// Corners that a first view must have: fewer cannot constrain 8 parameters well once some are lost. Not swept.
+constexpr int kMinCorners = 25;
+constexpr float kMinFoundFraction = 0.3f;  // found points among those searched, a ratio; not swept
+constexpr int kMinInliers = 14;         // found points without which no fit is tried, as in fit_homography(); not swept
+constexpr float kResidualDecay = 0.7f;  // factor of a point's offset from H, per frame without a match; not swept
+// Points searched in a frame, in turns. Each costs about 45 thousand ARMv6 instructions of the 6 million that a frame
+// may take.
 constexpr int kSearchesPerFrame = 85;
-constexpr float kMinDepth = 0.1f;  // homogeneous coordinate of a point that H can still place
+constexpr float kMinDepth = 0.1f;  // homogeneous coordinate under which H cannot place a point, a ratio; not swept
 
-// log of a matrix near the identity, second order.
+// log of a matrix near the identity, second order; the trace is removed, so that the result is in sl(3).
 Matrix3f log_near_identity(const Matrix3f& M) {
   const Matrix3f D = M - Matrix3f::Identity();
   Matrix3f L = D - 0.5f * (D * D);
@@ -84,7 +86,7 @@ std::span<const Correspondence> HomographyTracker::correspondences() {
   return correspondences_;
 }
 
-// Where a global shutter would have seen the normalised point of pixel px, in an image that moves at `rate`.
+// Normalised point of pixel px as a global shutter would have seen it, in an image that moves at `rate`, 1/s.
 Vector2f HomographyTracker::corrected(const Vector2f& px, const Matrix3f& rate) const {
   const Vector2f x = config_.camera.unproject(px);
   const float dt_s = config_.camera.dt_s(px);
@@ -99,7 +101,7 @@ void HomographyTracker::correct(const Matrix3f& rate) {
 
 bool HomographyTracker::track(const Pyramid& first_view, const Pyramid& pyramid, float dt_s, const Matrix3f& R_cp,
                               const SearchOptions& options) {
-  // Rotation as seen, and what was left of the last frame's motion: the parallax goes on.
+  // Prediction: the rotation seen by the full frame, and the last frame's parallax continued.
   const Matrix3f motion = (Matrix3f::Identity() + dt_s * parallax_rate_) * R_cp;
   const Matrix3f H_previous = H_, H_predicted = motion * H_;
   const Matrix3f predicted_rate = log_near_identity(motion) / dt_s;
@@ -108,7 +110,7 @@ bool HomographyTracker::track(const Pyramid& first_view, const Pyramid& pyramid,
   bool good = found_ >= kMinInliers &&
               static_cast<float>(found_) >= kMinFoundFraction * static_cast<float>(attempted_) && fit(H_predicted);
   if (good) {
-    // Once more with the measured rate: H's own, not the rotation's.
+    // Second fit, with measurements corrected by H's own rate in place of the predicted one.
     H_rate_ = log_near_identity(H_ * H_previous.inverse()) / dt_s;
     parallax_rate_ = H_rate_ - log_near_identity(R_cp) / dt_s;
     correct(H_rate_);
@@ -128,7 +130,8 @@ bool HomographyTracker::track(const Pyramid& first_view, const Pyramid& pyramid,
   return false;
 }
 
-// px: where the point should be, and A how its patch is warped there. False where H cannot place it in the image.
+// px: predicted position, level-0 pixels. A: warp of the point's patch there. False where H cannot place the point in
+// the image.
 bool HomographyTracker::predict(const TrackedPoint& point, const Matrix3f& H_predicted, const Matrix3f& rate,
                                 Vector2f* px, Matrix2f* A) const {
   if (homography_depth(H_predicted, point.x_1) <= kMinDepth) return false;
@@ -184,7 +187,7 @@ void HomographyTracker::search(const Pyramid& first_view, const Pyramid& pyramid
   }
 }
 
-// H to the points found.
+// Fits H to the found points.
 bool HomographyTracker::fit(const Matrix3f& H_start) {
   const std::span<const Correspondence> found = correspondences();
   weights_.resize(static_cast<int>(found.size()));

@@ -1,5 +1,5 @@
-// What makes a map out of nothing: watches the frames from a first view on until it knows enough. One kind is chosen by
-// Config; the tracker calls it once a frame while there is no map.
+// Interface of map initialisation: tracks a first view until the camera's motion is known well enough to build a map.
+// Config chooses the kind. The tracker calls it once a frame while there is no map.
 #pragma once
 
 #include "map/map.h"
@@ -11,8 +11,8 @@ class Initialiser {
  public:
   enum class Progress : uint8_t {
     kIdle,      // start() has not been called
-    kTracking,  // it goes on
-    kLost,      // the first view was lost, or nothing came of it: back to idle
+    kTracking,  // not finished yet
+    kLost,      // given up: the first view was lost or no map was found; idle again
     kDone       // build() may be called
   };
   struct Report {        // of the last frame
@@ -22,13 +22,13 @@ class Initialiser {
     std::span<const ObservedPoint> observed;  // valid until the next call
   };
 
-  // Takes the first view. rotation_rate: of the full-frame rotation, radians/s. Hint::kNone on success, otherwise why
-  // the view is not suitable (too little texture, not held still); nothing has changed then.
+  // Takes the first view. rotation_rate: from the full-frame rotation, radians/s. Hint::kNone on success, otherwise why
+  // the view is not suitable (too little texture, not held still); the state is unchanged then.
   virtual Hint start(const FrameInput& frame, const Vector3f& rotation_rate) = 0;
-  // Tracks the first view in the next frame. R_cp: rotation from the frame before (full-frame rotation).
+  // Tracks the first view in the next frame. R_cp: previous camera to present camera, from the full-frame rotation.
   virtual Progress track(const FrameInput& frame, const Matrix3f& R_cp) = 0;
-  // Writes keyframes and points into an empty map (and leaves it not `ready`: the mapper finishes it in idle time);
-  // T_cw and velocity are the current frame's. False when the map came out too small; the map is then empty again.
+  // Writes keyframes and points into an empty map. The map is not ready() yet: the mapper finishes it in idle time.
+  // T_cw and velocity are the current frame's. False when the map is too small; it is empty again then.
   virtual bool build(Map& map, SE3* T_cw, Vector6f* velocity) = 0;
   virtual void reset() = 0;
   virtual bool active() const = 0;

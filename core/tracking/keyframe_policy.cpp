@@ -6,14 +6,18 @@ namespace pptam {
 
 namespace {
 
-// Distance to the nearest keyframe in mean depths, which grows as the map fills (a young map needs baselines soon, a
-// full one must not grow), or the share of the points measured in a frame that the view can fill.
+// Distance to the nearest keyframe that calls for a new one, in mean depths. It grows with the number of keyframes: a
+// new map needs baselines soon, a full one must not grow. Not swept. Smaller values fill the map sooner.
 constexpr float kDistanceNew = 0.004f, kDistanceFull = 0.18f;
+// Where few points are visible a new keyframe is wanted sooner, from this distance on, in mean depths. Few: less than
+// this share of Config::max_measured_points. Not swept.
 constexpr float kMinDistance = 0.004f;
 constexpr float kSparseViewFraction = 0.6f;
-constexpr float kFullInterval_s = 2.0f;  // a map that had none to spare is asked again after this time
-constexpr float kCosTurn = 0.98f;        // 11.5 degrees: views turned by more do not count as near
-constexpr float kNoneNear = 1e9f;
+// Interval of keyframes, s, while the map is full: each costs a culling decision. Not swept.
+constexpr float kFullInterval_s = 2.0f;
+constexpr float kCosTurn = 0.98f;  // optical axes within 11.5 degrees: views turned by more are not near; not swept
+constexpr float kNoneNear = 1e9f;  // distance in world units when no keyframe is near
+constexpr int kMinBelieved = 2;    // believed poses in a row, so that the motion is known
 
 }  // namespace
 
@@ -22,17 +26,17 @@ bool KeyframePolicy::wants(int64_t timestamp_ns, const MotionModel& motion, int 
   const float interval_s =
       map_.full() ? std::max(kFullInterval_s, config_.min_keyframe_interval_s) : config_.min_keyframe_interval_s;
   if (elapsed_s(last_ns_, timestamp_ns) < interval_s) return false;
-  if (motion.believed() < 2) return false;
+  if (motion.believed() < kMinBelieved) return false;
   const Vector3f centre = motion.T_cw().centre();
   const Vector3f axis = motion.T_cw().R.row(2).transpose();
-  // The nearest keyframe that looks the same way.
+  // Distance to the nearest keyframe whose optical axis has nearly the same direction.
   float nearest_alike = kNoneNear;
   const auto consider = [&](const SE3& T_kw) {
     const float distance = (T_kw.centre() - centre).norm();
     if (axis.dot(T_kw.R.row(2).transpose()) > kCosTurn) nearest_alike = std::min(nearest_alike, distance);
   };
   for (const Keyframe& keyframe : map_.keyframes())
-    if (keyframe.id != 0) consider(keyframe.T_kw);  // erased ones too: a second one there would go the same way
+    if (keyframe.id != 0) consider(keyframe.T_kw);  // erased keyframes too [phone 3.3, footnote]
   for (int i = 0; i < map_.queue().waiting(); ++i) consider(map_.queue().waiting(i).frame.T_kw);
   const bool sparse =
       static_cast<float>(visible) < kSparseViewFraction * static_cast<float>(config_.max_measured_points);
@@ -48,10 +52,11 @@ void KeyframePolicy::hold(const FrameInput& input, const MotionModel& motion, st
   frame.timestamp_ns = input.timestamp_ns();
   frame.T_kw = motion.T_cw();
   frame.velocity = motion.readout_velocity();
-  frame.velocity_prior = motion.last_motion();  // until the next frame tells more
+  frame.velocity_prior = motion.last_motion();  // until release() knows the central difference
   frame.mean_depth = motion.mean_depth();
   frame.set_images(input.pyramid(), input.small());
   const CameraModel& model = config_.camera.model;
+  // A pyramid has 4/3 of level 0's pixels.
   meter_.charge(Work::kKeyframePixel, static_cast<int64_t>(model.width) * model.height * 4 / 3);
   for (const Attempt& attempt : attempts)
     if (attempt.outcome == Attempt::Outcome::kInlier)

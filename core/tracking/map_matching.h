@@ -1,4 +1,5 @@
-// One frame against the map: points chosen, predicted, searched, and the pose from what was found [phone 4].
+// Matches one frame against the map: chooses points, predicts and searches them, and finds the pose from the matches
+// [phone 4].
 #pragma once
 
 #include "camera/motion_model.h"
@@ -8,19 +9,19 @@
 
 namespace pptam {
 
-// What became of a chosen map point.
+// The search of one chosen map point in the frame.
 struct Attempt {
   enum class Outcome : uint8_t {
     kNotVisible,  // not searched
     kMissed,      // searched and not found
-    kHidden,      // missed, but a neighbour is seen much nearer: it is probably behind
+    kHidden,      // missed, but a surface close by in the image is much nearer: probably occluded
     kOutlier,     // found, zero weight
     kInlier
   };
   int32_t point = -1;  // index into Map::points()
   Outcome outcome = Outcome::kNotVisible;
   Vector2f predicted_px = Vector2f::Zero();  // level-0 pixels
-  ImagePoint at;                             // where it was found; its level is the one searched
+  ImagePoint at;                             // where it was found; at.level is the level searched
 
   bool found() const { return outcome >= Outcome::kOutlier; }
   bool searched() const { return outcome != Outcome::kNotVisible; }
@@ -28,9 +29,9 @@ struct Attempt {
 
 struct MapMatch {
   PoseUpdate pose;
-  int visible = 0;    // points that were to be chosen from
-  int attempted = 0;  // searched, those excused that are hidden
-  int found = 0;
+  int visible = 0;    // map points expected in the image, from which the searched ones were chosen
+  int attempted = 0;  // points searched, without those that are hidden
+  int found = 0;      // points found, outliers too
   TrackingQuality quality = TrackingQuality::kBad;
 
   void report(TrackResult* result) const {
@@ -49,24 +50,24 @@ class MapMatching {
   MapMatch match(const Pyramid& pyramid, const MotionModel& motion, Search search) {
     return match(pyramid, motion, search, motion.T_predicted());
   }
-  // Begins at a pose of the caller's.
+  // Begins at T_start in place of the predicted pose.
   MapMatch match(const Pyramid& pyramid, const MotionModel& motion, Search search, const SE3& T_start);
 
-  // Of the last match.
+  // Results of the last match.
   std::span<const Attempt> attempts() const { return attempts_; }
-  float mean_depth(const SE3& T_cw, float without) const;  // of the inliers; `without` if there are none
-  float reprojection_px() const;                           // rms error of a weighted measurement's coordinate
+  float mean_depth(const SE3& T_cw, float without) const;  // of the inliers, world units; `without` if there are none
+  float reprojection_px() const;                           // rms error of an inlier's coordinate, level-0 pixels
   int capacity() const { return selection_.capacity(); }
   void forget() { attempts_.clear(); }
-  void report(FixedVector<ObservedPoint>* observed) const;  // the attempts, in place of what was there
-  void count_searches();                                    // in the map, for its points' statistics
+  void report(FixedVector<ObservedPoint>* observed) const;  // replaces *observed by the attempts
+  void count_searches();                                    // adds the attempts to the map points' statistics
 
  private:
   struct Rows;
   MapMatch search_and_update(const Pyramid& pyramid, const SE3& T_start, const VelocityPrior& prior,
                              const SearchOptions& options);
   void search(const Pyramid& pyramid, const SE3& T_start, const VelocityPrior& prior, const SearchOptions& options);
-  int excuse_hidden_points(const SE3& T_cw);
+  int mark_occluded_points(const SE3& T_cw);
 
   const Config& config_;
   Map& map_;

@@ -8,9 +8,20 @@ namespace pptam {
 
 namespace {
 
-constexpr int kMaxCells = 16 * 16;
-constexpr float kMinCosView = 0.5f;                  // between the source's and the present viewing direction
-constexpr float kMinScale = 0.4f, kMaxScale = 2.5f;  // distance ratios that a warp can bridge
+constexpr int kMaxCells = 16 * 16;  // bounds of Config::cells_x and cells_y
+// Cosine of the angle between the viewing directions of patch source and present camera: 60 degrees. Not swept.
+constexpr float kMinCosView = 0.5f;
+// Present distance of a point over its distance in the patch source: the range of scales that a warp can bridge. Not
+// swept.
+constexpr float kMinScale = 0.4f, kMaxScale = 2.5f;
+// Keyframes whose centre is computed once a frame, on the stack (1.2 KB); those of others are computed for each point.
+// More than the 71 slots of the phone profile.
+constexpr int kCachedCentres = 96;
+// Score of a point: its found share, estimated as if 2 of 3 more searches had succeeded, times 1 + 0.1 for each
+// measurement, up to 6 of them. Ratios, not swept. Points with more measurements have better known positions.
+constexpr float kPriorFound = 2.0f, kPriorAttempts = 3.0f;
+constexpr float kMeasurementBonus = 0.1f;
+constexpr int kMaxBonusMeasurements = 6;
 
 }  // namespace
 
@@ -25,7 +36,6 @@ void PointSelection::find_visible(const Map& map, const SE3& T_cw) {
   const Camera& camera = config_.camera;
   int projected = 0;
   const Vector3f centre = T_cw.centre();
-  constexpr int kCachedCentres = 96;
   Vector3f source_centre[kCachedCentres];
   const int cached = std::min(map.keyframes().size(), kCachedCentres);
   for (int k = 0; k < cached; ++k) source_centre[k] = map.keyframes()[k].T_kw.centre();
@@ -47,8 +57,11 @@ void PointSelection::find_visible(const Map& map, const SE3& T_cw) {
     const int x = std::clamp(static_cast<int>(px.x()) * config_.cells_x / camera.model.width, 0, config_.cells_x - 1);
     const int y = std::clamp(static_cast<int>(px.y()) * config_.cells_y / camera.model.height, 0, config_.cells_y - 1);
     candidate.cell = static_cast<int16_t>(y * config_.cells_x + x);
-    const float reliability = (static_cast<float>(point.found) + 2.0f) / (static_cast<float>(point.attempts) + 3.0f);
-    candidate.score = reliability * (1.0f + 0.1f * static_cast<float>(std::min(point.measurements.size(), 6)));
+    const float reliability =
+        (static_cast<float>(point.found) + kPriorFound) / (static_cast<float>(point.attempts) + kPriorAttempts);
+    candidate.score =
+        reliability *
+        (1.0f + kMeasurementBonus * static_cast<float>(std::min(point.measurements.size(), kMaxBonusMeasurements)));
     candidates_.push_back(candidate);
   }
   meter_.charge(Work::kPointProjected, projected);
@@ -57,7 +70,7 @@ void PointSelection::find_visible(const Map& map, const SE3& T_cw) {
 std::span<const int> PointSelection::select(const Map& map, const SE3& T_cw) {
   find_visible(map, T_cw);
   selected_.clear();
-  const auto better = [this, &map](int a, int b) {  // ties by the older point
+  const auto better = [this, &map](int a, int b) {  // at equal scores the older point
     const Candidate &x = candidates_[a], &y = candidates_[b];
     if (x.score != y.score) return x.score > y.score;
     return map.points()[x.point].id < map.points()[y.point].id;

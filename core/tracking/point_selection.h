@@ -1,5 +1,5 @@
-// Which map points to measure: expected to be visible, spread over the image, reliable ones first, always the same ones
-// in the same view (a changing choice makes the pose jitter).
+// Chooses the map points to measure in a frame. They are expected to be visible and are spread over the image; points
+// that are found reliably come first. The choice depends on the view alone: a changing choice makes the pose jitter.
 #pragma once
 
 #include <pocket_ptam/work_meter.h>
@@ -14,7 +14,7 @@ class PointSelection {
   // Indices into map.points(), up to Config::max_measured_points: the best of every cell of the image, then the second
   // best of every cell, and so on. Valid until the next call.
   std::span<const int> select(const Map& map, const SE3& T_cw);
-  int visible() const { return candidates_.size(); }  // points that were to be chosen from
+  int visible() const { return candidates_.size(); }  // points expected in the image at the last select()
   int capacity() const { return selected_.capacity(); }
 
  private:

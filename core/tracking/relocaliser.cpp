@@ -6,6 +6,13 @@
 
 namespace pptam {
 
+namespace {
+
+// Comparing a pixel of two small images costs this fraction of a pixel of full-frame rotation: an estimate.
+constexpr int kComparisonsPerRotationPixel = 20;
+
+}  // namespace
+
 RelocalisationCandidate propose_pose(const Map& map, FullFrameRotation& full_frame_rotation, const GreyView& small,
                                      int attempt, WorkMeter& meter) {
   RelocalisationCandidate candidate;
@@ -21,10 +28,11 @@ RelocalisationCandidate propose_pose(const Map& map, FullFrameRotation& full_fra
     score[k - first] = small_image_zmssd(map.keyframes()[k].small, small);
     ++compared;
   }
-  meter.charge(Work::kRotationPixel, static_cast<int64_t>(compared) * small.width * small.height / 20);
+  meter.charge(Work::kRotationPixel,
+               static_cast<int64_t>(compared) * small.width * small.height / kComparisonsPerRotationPixel);
   int best = -1;
   for (int rank = 0; rank <= attempt % kRelocalisationRanks; ++rank) {
-    if (best >= 0) score[best - first] = -1;  // that was the rank before
+    if (best >= 0) score[best - first] = -1;  // takes out the keyframe of the rank before
     best = -1;
     for (int k = first; k < end; ++k)
       if (score[k - first] >= 0 && (best < 0 || score[k - first] < score[best - first])) best = k;
@@ -34,7 +42,7 @@ RelocalisationCandidate propose_pose(const Map& map, FullFrameRotation& full_fra
   const RotationEstimate rotation =
       full_frame_rotation.estimate(keyframe.small, small, Matrix3f::Identity(), Vector3f::Zero());
   meter.charge(Work::kRotationPixel, static_cast<int64_t>(rotation.iterations) * small.width * small.height);
-  if (!rotation.near) return candidate;  // what is left of it is less than the tracker's wide search
+  if (!rotation.near) return candidate;  // `near`: the rotation left over is within the tracker's wide search
   candidate.keyframe = best;
   candidate.T_cw = SE3(rotation.R_cp, Vector3f::Zero()) * keyframe.T_kw;
   return candidate;

@@ -10,20 +10,30 @@ namespace pptam {
 
 namespace {
 
-// Cost ratio that decides [phone 5.1], relaxed frame by frame: with a wrong calibration no hypothesis fits well, and
-// the ratio stays under 2 for ever.
+// Cost ratio at which the cheaper hypothesis wins: 2 [phone 5.1]. It falls by 0.05 a frame down to 1.2, since with a
+// wrong calibration no hypothesis fits well and the ratio stays under 2. The relaxation is not swept.
 constexpr float kHypothesisCostRatio = 2.0f, kMinCostRatio = 1.2f, kCostRatioPerFrame = 0.05f;
+// A plane wins against the general structure up to this cost ratio: it has fewer unknowns. Not swept.
 constexpr float kPlaneCostRatio = 1.15f;
-constexpr float kCostMemory = 0.8f;        // costs are summed with forgetting, about five frames
-constexpr float kMaxCostScale = 1.0f;      // 2 px
-constexpr float kPriorTranslation = 0.1f;  // depths/s, of the velocity during the readout
-constexpr float kPriorRotation = 0.15f;    // radians/s
-constexpr int kMinFrames = 3;
-constexpr int kMaxPosePoints = 40;  // of each hypothesis' pose: three of them must fit into a frame's time
-constexpr float kMaxSigma = 1.0f;   // 2 px: a right model fits to under 1 px
-constexpr float kMinParallax_rad = 0.01f;
-constexpr float kUnseen = 1e12f;   // squared error that saturates any cost
-constexpr float kNearest = 0.05f;  // depth under which a point's flow says nothing, scene about 1 away
+constexpr float kCostMemory = 0.8f;    // factor of the summed costs per frame: a memory of about five frames; not swept
+constexpr float kMaxCostScale = 1.0f;  // robust scale of the costs, units of kStartSigma_px (2 px); not swept
+// How far the velocity during a readout may be from that of the homography's rate, 1-sigma of each component: depths/s
+// and radians/s, a hand's tremor. Not swept.
+constexpr float kPriorTranslation = 0.1f;
+constexpr float kPriorRotation = 0.15f;
+constexpr int kMinFrames = 3;       // frames compared before a hypothesis may win; not swept
+constexpr int kMaxPosePoints = 40;  // of each hypothesis' pose: three poses must fit into a frame's time; not swept
+// Robust scale of the winner's residuals, units of kStartSigma_px (2 px): a right map fits to under half of it. Not
+// swept.
+constexpr float kMaxSigma = 1.0f;
+constexpr float kMinParallax_rad = 0.01f;  // between the rays of a triangulated point: 0.6 degrees; not swept
+constexpr float kUnseen = 1e12f;           // squared error, units of sigma^2, at which every cost is saturated
+constexpr float kMinDepth = 0.05f;         // where a point's flow is used, with the scene at about 1: guards a division
+// Prior of velocity_from_rate(), 1-sigma: wide, only for directions of motion that the points do not show. Depths/s and
+// radians/s. Not swept.
+constexpr float kWeakTranslation = 0.5f, kWeakRotation = 0.5f;
+constexpr float kFlowNoise = 0.03f;   // 1-sigma of the flow, normalised image units per second; not swept
+constexpr float kFlowStep_s = 0.01f;  // difference quotient of the homography's rate
 
 }  // namespace
 
@@ -55,7 +65,8 @@ void StartHypotheses::branch(const HomographyTracker& tracker, const Decompositi
   for (const TrackedPoint& point : tracker.points()) found_at_branch_.push_back(point.found);
 }
 
-// The hypothesis' points, and for the general one a scale that makes the scene about 1 away. False: too few.
+// Positions of the hypothesis' points. The general hypothesis is scaled so that the scene's mean depth is 1. False when
+// too few points have a position.
 bool StartHypotheses::triangulate_points(const HomographyTracker& tracker, Hypothesis& hypothesis, SE3* T_b1) const {
   hypothesis.p_1.clear();
   float depth_sum = 0;
@@ -65,7 +76,7 @@ bool StartHypotheses::triangulate_points(const HomographyTracker& tracker, Hypot
     Vector3f p_1 = Vector3f::Zero();
     const Vector3f ray = point.x_1.homogeneous();
     if (hypothesis.planar && point.on_plane && hypothesis.n_1.dot(ray) > 0) {
-      p_1 = ray / hypothesis.n_1.dot(ray);  // knows its plane better than its parallax tells
+      p_1 = ray / hypothesis.n_1.dot(ray);  // more precise than triangulation: many points share the plane
     } else if (point.found && triangulate(*T_b1, point.x_1, point.x_2, kMinParallax_rad, &triangulated)) {
       p_1 = triangulated.p_1;
     }
@@ -75,17 +86,16 @@ bool StartHypotheses::triangulate_points(const HomographyTracker& tracker, Hypot
   }
   if (count < kMinInitialPoints) return false;
   if (hypothesis.planar) return true;
-  const float scale = static_cast<float>(count) / depth_sum;  // unit baseline so far
+  const float scale = static_cast<float>(count) / depth_sum;  // from a baseline of 1 to a mean depth of 1
   for (Vector3f& p : hypothesis.p_1) p *= scale;
   T_b1->t *= scale;
   return true;
 }
 
-// The camera velocity whose image motion at the points is that of the homography's rate: least squares over the points
-// [phone 6], with a weak prior against the poorly seen directions.
+// Camera velocity whose image motion at the points is that of the homography's rate: least squares over the points
+// [phone 6], with a wide prior for directions of motion that the points do not show.
 Vector6f StartHypotheses::velocity_from_rate(const Matrix3f& rate, const Hypothesis& hypothesis,
                                              const SE3& T_k1) const {
-  constexpr float kWeakTranslation = 0.5f, kWeakRotation = 0.5f, kFlowNoise = 0.03f;  // depths/s, radians/s, 1/s
   Matrix6f A = Matrix6f::Zero();
   A.diagonal() << Vector3f::Constant(1 / (kWeakTranslation * kWeakTranslation)),
       Vector3f::Constant(1 / (kWeakRotation * kWeakRotation));
@@ -93,9 +103,9 @@ Vector6f StartHypotheses::velocity_from_rate(const Matrix3f& rate, const Hypothe
   for (const Vector3f& p_1 : hypothesis.p_1) {
     if (p_1.z() <= 0) continue;
     const Vector3f p = T_k1 * p_1;
-    if (p.z() <= kNearest) continue;
+    if (p.z() <= kMinDepth) continue;
     const Vector2f x = p.head<2>() / p.z();
-    const Vector2f flow = (apply_homography(Matrix3f::Identity() + 0.01f * rate, x) - x) / 0.01f;
+    const Vector2f flow = (apply_homography(Matrix3f::Identity() + kFlowStep_s * rate, x) - x) / kFlowStep_s;
     Matrix23f J_x_p;
     J_x_p << 1 / p.z(), 0, -x.x() / p.z(), 0, 1 / p.z(), -x.y() / p.z();
     const Matrix26f J = J_x_p * se3_point_jacobian(p) / kFlowNoise;
@@ -111,8 +121,8 @@ StartHypotheses::Outcome StartHypotheses::track(const HomographyTracker& tracker
   return decide();
 }
 
-// One SE(3) pose in each hypothesis' map. Returns the scale for all costs, the largest: at a smaller one the worse
-// hypothesis' errors would saturate.
+// Tracks one SE(3) pose in each hypothesis' map. Returns the scale for all costs: the largest of the hypotheses'
+// scales, since at a smaller one the errors of the worse hypothesis would saturate.
 float StartHypotheses::track_poses(const HomographyTracker& tracker, float dt_s) {
   float scale = kRobustSigmaFloor;
   for (Hypothesis& hypothesis : hypotheses_) {
@@ -136,8 +146,8 @@ float StartHypotheses::track_poses(const HomographyTracker& tracker, float dt_s)
   return scale;
 }
 
-// A point that one hypothesis explains counts against those that do not, or cannot place it; one that none explains is
-// a wrong match.
+// Adds the frame's costs. A point explained by one hypothesis costs the full amount in every hypothesis that does not
+// explain it or has no position for it. A point that no hypothesis explains is a wrong match and does not count.
 void StartHypotheses::add_costs(std::span<const TrackedPoint> points, float scale) {
   float frame_cost[kHypotheses] = {};
   const float saturated = tukey_cost(kUnseen, scale);
@@ -168,7 +178,7 @@ StartHypotheses::Outcome StartHypotheses::decide() {
   for (int k = 0; k < kHypotheses; ++k)
     if (hypotheses_[k].alive && (best < 0 || hypotheses_[k].cost < hypotheses_[best].cost)) best = k;
   if (best < 0) return Outcome::kNoneLeft;
-  // The plane has fewer unknowns than the general structure: where it costs hardly more it is right.
+  // Prefers the plane up to kPlaneCostRatio.
   for (int k = 0; k < kHypotheses; ++k)
     if (!hypotheses_[best].planar && hypotheses_[k].planar && hypotheses_[k].alive &&
         hypotheses_[k].cost < kPlaneCostRatio * hypotheses_[best].cost)
@@ -183,7 +193,8 @@ StartHypotheses::Outcome StartHypotheses::decide() {
   return Outcome::kDecided;
 }
 
-// The found points that the hypothesis can place, into pose_points_; of many every so-manieth, up to kMaxPosePoints.
+// Fills pose_points_ with found points that have a position in the hypothesis: evenly spaced among them, up to
+// kMaxPosePoints.
 void StartHypotheses::gather_pose_points(std::span<const TrackedPoint> points, const Hypothesis& hypothesis) {
   const int count = static_cast<int>(points.size());
   const auto usable = [&](int i) { return points[static_cast<size_t>(i)].found && hypothesis.p_1[i].z() > 0; };

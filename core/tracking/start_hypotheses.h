@@ -1,8 +1,8 @@
-// Stage 2 of the homography start: rival maps, until one wins [phone 5.1].
+// Stage 2 of the homography start: tracks rival maps until one wins [phone 5.1].
 //
-// Up to two planar hypotheses (R, t, n) and one without a plane, each with its own triangulated points; an SE(3) pose
-// is tracked in each at every frame, until the others cost twice as much. A plane that costs hardly more than no plane
-// wins: it has fewer unknowns.
+// There are up to two planar hypotheses (R, t, n) and one without a plane, each with its own triangulated points. An
+// SE(3) pose is tracked in each at every frame, until the others cost twice as much. A plane that costs hardly more
+// than the general structure wins: it has fewer unknowns.
 #pragma once
 
 #include "camera/pose_update.h"
@@ -19,7 +19,7 @@ struct Hypothesis {
   SE3 T_c1;                          // pose of the current frame
   Vector6f velocity = Vector6f::Zero();
   FixedVector<Vector3f> p_1;  // one per point, first camera's frame; z = 0 where not triangulated
-  float cost = 0;             // running robust cost, summed over the frames
+  float cost = 0;             // robust cost, summed over the frames with forgetting; units of scale^2
   float sigma = 0;            // robust scale of its residuals in the current frame, units of kStartSigma_px
   bool alive = false;
 };
@@ -30,9 +30,9 @@ class StartHypotheses {
 
   StartHypotheses(Arena& arena, const Config& config, WorkMeter& meter);
 
-  // A map for each of the plane's solutions and, if given, for the relative pose; points by triangulation.
+  // Makes a map for each of the plane's solutions and, if it is not null, for the relative pose.
   void branch(const HomographyTracker& tracker, const Decomposition& decomposition, const RelativePose* general);
-  // The next frame's pose in each.
+  // Finds the next frame's pose in each map, and compares their costs.
   Outcome track(const HomographyTracker& tracker, float dt_s);
   const Hypothesis& winner() const { return hypotheses_[winner_]; }  // after kDecided
 
@@ -47,7 +47,7 @@ class StartHypotheses {
   Vector6f velocity_from_rate(const Matrix3f& rate, const Hypothesis& hypothesis, const SE3& T_k1) const;
 
   const Config& config_;
-  FixedVector<uint8_t> found_at_branch_;  // one per point
+  FixedVector<uint8_t> found_at_branch_;  // one per point: 1 when it was found in the frame of branch()
   FixedVector<PosePoint> pose_points_;
   PoseUpdater pose_;
   Hypothesis hypotheses_[kHypotheses];

@@ -4,10 +4,10 @@ namespace pptam {
 
 namespace {
 
-// Rest before initialisation starts by itself: its length, and the apparent rotation in radians/s that a hand at rest
-// does not exceed.
+// Time for which the camera must be held still before initialisation starts by itself, s. Not swept. Shorter times take
+// first views that are still moving; longer ones make the user wait.
 constexpr float kSteadyTime_s = 0.3f;
-constexpr float kSteadySpeed = 0.2f;
+constexpr float kSteadySpeed = 0.2f;  // apparent rotation that a hand at rest does not exceed, radians/s; not swept
 
 }  // namespace
 
@@ -18,8 +18,8 @@ bool StartTrigger::wants_start(const FrameInput& frame, const MotionModel& motio
   steady_s_ = steady ? steady_s_ + frame.dt_s() : 0;
   if (steady_s_ >= kSteadyTime_s) return true;
   if (frame.has_previous() && !motion.rotation_seen()) {
-    *hint = Hint::kTooLittleTexture;       // not even the smallest image can be followed
-  } else if (*hint != Hint::kStartLost) {  // bad news stays until the next start
+    *hint = Hint::kTooLittleTexture;       // the full-frame rotation found nothing to align
+  } else if (*hint != Hint::kStartLost) {  // kStartLost is shown until the next start
     *hint = Hint::kHoldStill;
   }
   return false;

@@ -1,4 +1,4 @@
-// When initialisation begins: at a tap, or by itself after a moment of rest (Config::auto_start).
+// Decides when initialisation begins: at a tap, or by itself after the camera was held still (Config::auto_start).
 #pragma once
 
 #include <pocket_ptam/config.h>
@@ -17,13 +17,14 @@ class StartTrigger {
     tapped_ = false;
     steady_s_ = 0;
   }
-  // Once a frame while there is nothing to track. A tap stays until reset(). *hint says what is missing.
+  // Called once a frame while there is no map and no start. A tap stays pending until reset(). *hint says what is
+  // missing.
   bool wants_start(const FrameInput& frame, const MotionModel& motion, Hint* hint);
 
  private:
   const Config& config_;
   bool tapped_ = false;
-  float steady_s_ = 0;  // for how long the camera has been held still
+  float steady_s_ = 0;  // time for which the camera has been held still
 };
 
 }  // namespace pptam

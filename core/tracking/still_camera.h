@@ -1,4 +1,4 @@
-// A camera that stands still is shown still: the pose is damped while the full frame says that nothing turns
+// Damps the shown pose while the full-frame rotation is zero but for noise, so that a camera at rest is shown at rest
 // (Config::steady_damping).
 #pragma once
 
@@ -8,16 +8,15 @@ namespace pptam {
 
 class StillCamera {
  public:
-  // The pose to show for a measured one. `motion` has taken it over already.
+  // Returns the pose to show for the measured `pose`, which `motion` has taken over already.
   SE3 show(const PoseUpdate& pose, const MotionModel& motion, bool damping);
-  void apply(const SE3& T_cw) {
-    T_shown_ = T_cw;
-  }  // the world's coordinates have changed: the last pose in the new ones
+  // After a change of the world's coordinates. T_cw: the last pose in the new coordinates.
+  void apply(const SE3& T_cw) { T_shown_ = T_cw; }
 
  private:
-  SE3 T_shown_;                             // the last one
-  int turning_frames_ = 2;                  // successive ones that seem to turn; 2 or more are 2
-  Vector6f difference_ = Vector6f::Zero();  // mean of the measured poses' differences to it, while still
+  SE3 T_shown_;                             // pose shown for the last frame
+  int turning_frames_ = 2;                  // turning frames in a row, at most 2
+  Vector6f difference_ = Vector6f::Zero();  // running mean of log(T_measured T_shown^-1), while still
 };
 
 }  // namespace pptam

@@ -8,16 +8,21 @@ namespace pptam {
 
 namespace {
 
+// Bad frames in a row after which the camera is lost: the motion model bridges fewer [ptam 5.6, "a few"]. Not swept.
 constexpr int kBadFramesUntilLost = 3;
-constexpr int kFramesToConfirm = 2;  // a pose that the relocaliser proposed
+// Good frames in a row, the first included, that confirm a pose of the relocaliser before it is reported. Fewer accept
+// wrong poses, which corrupt the map. Not swept.
+constexpr int kFramesToConfirm = 2;
 
-// Image motion within the exposure at which L1 becomes too blurred: a third of the 16 level-0 px that a template
-// covers.
+// Image motion within the exposure, level-0 px, at which L1 becomes too blurred to search: a third of the 16 px that a
+// template covers. Not swept.
 constexpr float kBlurLimit_px = 6.0f;
 
-// After a longer gap the motion model's velocity says nothing.
+// Gap between two frames, s, after which the motion model's velocity is not used. Not swept.
 constexpr float kMaxGap_s = 1.0f;
-constexpr float kRelocalisedInterval_s = 1.0f;  // taken for that since the last pose, of which nothing is known
+// Interval, s, given to the motion model for a relocalised pose: the time since the last pose means nothing, and a long
+// interval makes the motion between the two slow. Not swept.
+constexpr float kRelocalisedInterval_s = 1.0f;
 
 }  // namespace
 
@@ -55,7 +60,7 @@ void Tracker::begin_lost() {
   hint_ = Hint::kReturnToKnownView;
   relocalise_attempt_ = 0;
   depth_filter_.restart();
-  keyframe_policy_.forget_time();  // the map's timestamps are another recording's
+  keyframe_policy_.forget_time();  // the map's timestamps are those of another recording
 }
 
 void Tracker::follow_map() {
@@ -84,7 +89,7 @@ TrackResult Tracker::track(const Frame& frame, const Clock* clock) {
   if (frame_.dt_s() > kMaxGap_s) motion_.stop();
   mark_stage(Stage::kPyramid, &result);
 
-  // The mapper may have changed the world's coordinates, or given the map up.
+  // The mapper may have changed the world's coordinates, or discarded the map.
   if (state_ != TrackingState::kWaiting && !initialiser_->active() && !map_.exists()) {
     state_ = TrackingState::kWaiting;
     hint_ = Hint::kStartLost;
@@ -106,15 +111,16 @@ TrackResult Tracker::track(const Frame& frame, const Clock* clock) {
   result.state = state_;
   result.hint = hint_;
   result.limits_hit |= map_.limits_hit();
-  result.keyframes = std::min(map_.live_count(), config_.max_keyframes);  // one more while culling decides
+  result.keyframes = std::min(map_.live_count(), config_.max_keyframes);  // the map has one more while culling decides
   result.erased_keyframes = map_.erased_count();
   result.map_points = map_.point_count();
   if (result.points.empty()) result.points = observed_;
   return result;
 }
 
-// Full-frame rotation, and from it and the motion model the pose and the velocity of this frame. The map's translation
-// first, so that only the rotation is left to see: at a narrow field of view both look alike.
+// Predicts pose and velocity of this frame from the motion model and the full-frame rotation. The previous small image
+// is first shifted by the expected translation, so that only rotation is measured: at a narrow field of view both look
+// alike.
 void Tracker::predict() {
   motion_.begin_frame(frame_.dt_s(), map_.exists() && state_ != TrackingState::kLost);
   if (!frame_.has_previous()) {
@@ -184,7 +190,7 @@ void Tracker::accept(const MapMatch& match, bool blurred, TrackResult* result) {
     state_ = TrackingState::kInitialising;
     result->progress = 1;
   }
-  // Only from frames that deserve it.
+  // The map takes nothing from blurred frames, nor from frames of less than good quality.
   if (match.quality != TrackingQuality::kGood || blurred) return;
   matching_.count_searches();
   mark_stage(Stage::kPose, result);
@@ -209,7 +215,7 @@ void Tracker::relocalise(TrackResult* result) {
   mark_stage(Stage::kSearch, result);
   match.report(result);
   if (match.quality != TrackingQuality::kGood) return;
-  // No pose is shown yet: the next frame has to confirm this one.
+  // No pose is reported yet: the next frame has to confirm this one.
   motion_.believe(match.pose, kRelocalisedInterval_s, matching_.mean_depth(match.pose.T_cw, motion_.mean_depth()));
   motion_.stop();
   confirmed_ = 1;

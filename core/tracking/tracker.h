@@ -1,13 +1,13 @@
-// What happens to every frame [phone 4]: the state machine over the parts of tracking.
+// Tracks every frame [phone 4]: the state machine over the parts of tracking.
 //
 //            tap, or a still camera           map finished by the mapper
-//   kWaiting ──────────────▶ kInitialising ──────────────▶ kTracking ◀──── found again, confirmed
-//      ▲                          │ first view lost, map given up    │ three bad frames       │
+//   kWaiting ──────────────▶ kInitialising ──────────────▶ kTracking ◀──── relocalised, confirmed
+//      ▲                          │ first view lost, map discarded   │ three bad frames       │
 //      └──────────────────────────┘                                  └──────▶ kLost ──────────┘
 //
-// FrameInput ─▶ MotionModel, FullFrameRotation ─▶ MapMatching ─▶ StillCamera ─▶ TrackResult; with a good pose also
-// DepthFilter and KeyframePolicy; without a map the initialiser; lost, the relocaliser. Of the map it changes
-// search statistics, partial points' depths and the queue of new keyframes. Bounded time; runs to completion.
+// FrameInput ─▶ MotionModel, FullFrameRotation ─▶ MapMatching ─▶ StillCamera ─▶ TrackResult. With a good pose also
+// DepthFilter and KeyframePolicy; without a map the initialiser; when lost the relocaliser. In the map the tracker
+// changes search statistics, partial points' depths and the queue of new keyframes. Bounded time; runs to completion.
 #pragma once
 
 #include <pocket_ptam/clock.h>
@@ -25,13 +25,13 @@ class Tracker {
  public:
   Tracker(Arena& arena, const Config& config, Map& map, WorkMeter& meter, Initialiser* initialiser);
 
-  // The frame has been validated. clock may be null (no stage times).
+  // The frame must be validated. clock may be null: TrackResult::stage_ns is not filled then.
   TrackResult track(const Frame& frame, const Clock* clock);
   void tap();
   void reset();
-  // After reset() a map was loaded: where in it the camera is has to be found.
+  // To be called after reset() when a map has been loaded: the camera's pose in it is not known.
   void begin_lost();
-  // Takes over a change of the map's coordinates; by itself at every frame, and to be called after one in between.
+  // Takes over a change of the map's coordinates. track() does so; to be called after changes between two frames.
   void follow_map();
 
  private:
@@ -62,8 +62,8 @@ class Tracker {
 
   TrackingState state_ = TrackingState::kWaiting;
   Hint hint_ = Hint::kTap;
-  int confirmed_ = 0;  // frames of a relocalisation that have held
-  int relocalise_attempt_ = 0;
+  int confirmed_ = 0;           // good frames in a row since a relocalisation; 0 when none is being confirmed
+  int relocalise_attempt_ = 0;  // since the camera was lost
 };
 
 }  // namespace pptam

@@ -5,6 +5,14 @@
 
 namespace pptam {
 
+namespace {
+
+// Views that are always recorded: two give no map that tells structure from the shutter's distortion. Not swept.
+constexpr int kMinPlaces = 3;
+constexpr int64_t kNoteInstructions = 5;  // to copy one point: an estimate
+
+}  // namespace
+
 ViewRecorder::ViewRecorder(Arena& arena, const Config& config, WorkMeter& meter) : config_(config), meter_(meter) {
   for (View& view : views_) {
     for (FixedVector<ViewPoint>* points : {&view.points, &view.before.points, &view.after.points})
@@ -17,7 +25,7 @@ ViewRecorder::ViewRecorder(Arena& arena, const Config& config, WorkMeter& meter)
 void ViewRecorder::note_points(std::span<const TrackedPoint> points, FixedVector<ViewPoint>& noted) const {
   noted.clear();
   for (const TrackedPoint& point : points) noted.push_back({point.px_2, point.found});
-  meter_.charge(Work::kOther, 5LL * noted.size());
+  meter_.charge(Work::kOther, kNoteInstructions * noted.size());
 }
 
 void ViewRecorder::note_neighbour(int64_t timestamp_ns, std::span<const TrackedPoint> points,
@@ -34,6 +42,7 @@ void ViewRecorder::store(const FrameInput& frame, std::span<const TrackedPoint> 
   std::swap(view.before, last_);
   view.after.known = false;
   const CameraModel& model = config_.camera.model;
+  // A pyramid has 4/3 of level 0's pixels.
   meter_.charge(Work::kKeyframePixel, static_cast<int64_t>(model.width) * model.height * 4 / 3);
 }
 
@@ -57,21 +66,21 @@ void ViewRecorder::note(const FrameInput& frame, std::span<const TrackedPoint> p
   if (sharp) record(frame, points, false);  // a blurred view makes a poor keyframe
 }
 
-// When the places run out every second view goes and the stride doubles, so that the views stay spread over the whole
-// way.
+// When the places run out every second view is dropped and the stride doubles, so that the views stay spread over the
+// whole path.
 void ViewRecorder::record(const FrameInput& frame, std::span<const TrackedPoint> points, bool last) {
   if (views_[count_ - 1].frame.timestamp_ns == frame.timestamp_ns()) return;
   ++frames_since_view_;
   if (!last && frames_since_view_ < stride_) return;
-  const int places =
-      std::min(kMaxInitialKeyframes, std::max(3, config_.max_keyframes / 2));  // leaves room for the map to grow
+  const int places = std::min(kMaxInitialKeyframes,
+                              std::max(kMinPlaces, config_.max_keyframes / 2));  // leaves half for the map to grow
   if (count_ == places && !last) {
     for (int i = 1; 2 * i < places; ++i) std::swap(views_[i], views_[2 * i]);
     count_ = (places + 1) / 2;
     stride_ *= 2;
     if (frames_since_view_ < stride_) return;
   }
-  if (count_ == places) --count_;  // replaced by the last
+  if (count_ == places) --count_;  // the newest view is replaced
   store(frame, points, views_[count_++]);
   frames_since_view_ = 0;
 }

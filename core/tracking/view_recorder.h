@@ -1,6 +1,6 @@
-// Views on the way of a start: keyframes, if the map comes about. Beyond the paper, which keeps two: two views cannot
-// tell structure from the shutter's distortion, several can. With each, what was found in the frames before and after
-// it, which tells how fast the camera was [phone 6].
+// Records views during a start; they become the keyframes of the initial map. Beyond the paper, which keeps two or
+// three: two views cannot tell structure from the shutter's distortion, several can. With each view the points found in
+// the frames before and after it are kept, which give the camera's velocity [phone 6].
 #pragma once
 
 #include "map/map.h"
@@ -28,13 +28,13 @@ class ViewRecorder {
 
   ViewRecorder(Arena& arena, const Config& config, WorkMeter& meter);
 
-  // The first view, whose points are as they are.
+  // Takes the first view.
   void start(const FrameInput& frame, std::span<const TrackedPoint> points);
-  // At each frame, before its points are tracked: what was found in the last one, if its points mean something.
+  // To be called at each frame, before its points are tracked: keeps the last frame's points, if that frame was good.
   void note_last(bool good, int64_t timestamp_ns, std::span<const TrackedPoint> points);
-  // After it was tracked well: every stride-th sharp frame becomes a view.
+  // To be called after a frame was tracked well: every stride-th sharp frame becomes a view.
   void note(const FrameInput& frame, std::span<const TrackedPoint> points, bool sharp);
-  // The last view, which always finds a place.
+  // Takes the last view; it replaces another one when all places are taken.
   void finish(const FrameInput& frame, std::span<const TrackedPoint> points) { record(frame, points, true); }
 
   int count() const { return count_; }
@@ -51,9 +51,9 @@ class ViewRecorder {
   const Config& config_;
   WorkMeter& meter_;
   View views_[kMaxInitialKeyframes];
-  Neighbour last_;  // the frame before the present one
+  Neighbour last_;  // points of the frame before the present one
   int count_ = 0;
-  int stride_ = 1;  // frames from one recorded view to the next; doubles whenever the places run out
+  int stride_ = 1;  // sharp frames from one recorded view to the next
   int frames_since_view_ = 0;
 };
 
