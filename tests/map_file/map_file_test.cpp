@@ -42,6 +42,7 @@ class Phone {
     if (!status.ok()) ADD_FAILURE() << status.message();
   }
   System* operator->() { return system_; }
+  System& operator*() { return *system_; }
   Bytes saved() {
     Bytes bytes(system_->map_bytes());
     size_t used = 0;
