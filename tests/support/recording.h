@@ -5,6 +5,7 @@
 
 #include <cstddef>
 #include <memory>
+#include <utility>
 #include <vector>
 
 #include <pocket_ptam/pocket_ptam.h>
@@ -42,9 +43,10 @@ inline Recording part_of(const Recording& whole, int from, int to) {
   return part;
 }
 
-inline Recording record(const sim::PhoneOptions& options) {
+// scene: the one that the options ask for, when it has been painted before.
+inline Recording record(const sim::PhoneOptions& options, std::shared_ptr<const sim::Scene> scene = nullptr) {
   Recording recording;
-  const auto camera = sim::make_phone_camera(options);
+  const auto camera = sim::make_phone_camera(options, std::move(scene));
   recording.info = camera->info();
   recording.truth = camera->ground_truth();
   Frame frame;
