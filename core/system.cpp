@@ -60,9 +60,13 @@ struct System::Impl {
 };
 
 Status Config::validate() const {
-  if (!corner_source || !initialiser || !point_source || !culling)
-    return {StatusCode::kInvalidArgument,
-            "Config: corner_source, initialiser, point_source and culling must name a part: begin with Config::phone"};
+  if (!corner_source)
+    return {StatusCode::kInvalidArgument, "Config::corner_source names no part: begin with Config::phone"};
+  if (!initialiser)
+    return {StatusCode::kInvalidArgument, "Config::initialiser names no part: begin with Config::phone"};
+  if (!point_source)
+    return {StatusCode::kInvalidArgument, "Config::point_source names no part: begin with Config::phone"};
+  if (!culling) return {StatusCode::kInvalidArgument, "Config::culling names no part: begin with Config::phone"};
   const CameraModel& model = camera.model;
   const Status status = model.validate();
   if (!status.ok()) return status;

@@ -72,7 +72,7 @@ std::string last_lines(int fd) {
 }  // namespace
 
 ChildProcess::ChildProcess(const std::vector<std::string>& argv, Pipe pipe) {
-  const std::string program = argv.at(0);
+  const std::string& program = argv.at(0);
   int ends[2];
   stderr_fd_ = open_scratch_file();
   if (stderr_fd_ < 0 || ::pipe2(ends, O_CLOEXEC) != 0) {
@@ -92,6 +92,7 @@ ChildProcess::ChildProcess(const std::vector<std::string>& argv, Pipe pipe) {
   posix_spawn_file_actions_adddup2(&actions, stderr_fd_, STDERR_FILENO);
   posix_spawn_file_actions_addopen(&actions, silent, "/dev/null", O_RDWR, 0);
   std::vector<char*> arguments;
+  arguments.reserve(argv.size() + 1);
   for (const std::string& word : argv) arguments.push_back(const_cast<char*>(word.c_str()));
   arguments.push_back(nullptr);
   pid_t pid = -1;

@@ -280,7 +280,7 @@ std::vector<std::string> motion_names() {
 MotionCurve make_motion(const std::string& name, const Stage& stage, uint64_t seed, double duration_s) {
   if (name == "still") {
     Random random(seed, 21);
-    const Isometry3d T = first_view(stage, random).pose();
+    Isometry3d T = first_view(stage, random).pose();
     return [T](double) { return T; };
   }
   if (name == "lap") return lap(stage, seed, duration_s);

@@ -220,7 +220,8 @@ void small_thing(Canvas& canvas, const Place& place, Random& random) {
       for (int i = 0; i < 8; ++i) {
         if (random.chance(0.35)) continue;
         const double x = i % 2 == 0 ? -0.013 : 0.013;
-        const double y = -0.03 + 0.02 * (i / 2);
+        const int row = i / 2;
+        const double y = -0.03 + 0.02 * row;
         canvas.rectangle(place.inner(x, y, std::numbers::pi / 4), -pip, -pip, pip, pip, shade < 0.3 ? shade : 0.1);
       }
       break;

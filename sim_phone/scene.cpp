@@ -12,7 +12,7 @@
 namespace pptam::sim {
 namespace {
 
-constexpr double kDegree = std::numbers::pi / 180;
+constexpr double kRadPerDegree = std::numbers::pi / 180;
 // A pixel of the phone covers 0.8 mm at 0.3 m and 2.2 mm at 0.8 m: texels of half that look smooth.
 constexpr double kTableTexel_m = 0.0005;
 constexpr double kWallTexel_m = 0.001;
@@ -89,7 +89,7 @@ Surface make_table(const std::vector<Footprint>& boxes, double light, Random& ra
   };
   for (const Spot& spot : lattice(0.2, 0.92)) {
     const double turn = 0.5 * std::numbers::pi * random.integer(0, 3);
-    const double skew = random.uniform(-25, 25) * kDegree;
+    const double skew = random.uniform(-25, 25) * kRadPerDegree;
     const Place place(spot.x, spot.y, grain + turn + skew);
     const int kind = random.integer(0, 9);
     if (kind < 5) {
@@ -284,7 +284,7 @@ Canvas make_wall(double w, double h, Random& random) {
     while (y < h - 0.85) {
       const double width = random.uniform(0.2, 0.32);
       const double height = width * random.uniform(0.9, 1.45);
-      const double tilt = random.uniform(-4, 4) * kDegree;
+      const double tilt = random.uniform(-4, 4) * kRadPerDegree;
       const Place centre(x + random.uniform(-0.03, 0.03), y + 0.5 * height, tilt);
       const int kind = random.integer(0, 7);
       if (kind < 4) {

@@ -114,7 +114,7 @@ Sensor::Sensor(const Scene& scene, MotionCurve motion, const SensorOptions& opti
       const float a = (static_cast<float>(x) - m.cx) / m.fx;
       const float b = (static_cast<float>(y) - m.cy) / m.fy;
       const float cos_sq = 1 / (1 + a * a + b * b);  // natural vignetting falls with cos^4
-      vignetting_[static_cast<size_t>(y * m.width + x)] = cos_sq * cos_sq;
+      vignetting_[static_cast<size_t>(y) * static_cast<size_t>(m.width) + static_cast<size_t>(x)] = cos_sq * cos_sq;
     }
   }
 }

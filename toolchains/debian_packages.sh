@@ -13,6 +13,7 @@ target_packages=(                                       # tests/run.sh runs the 
   clang
   g++-arm-linux-gnueabi g++-arm-linux-gnueabihf g++-aarch64-linux-gnu qemu-user
 )
+style_packages=(clang clang-format clang-tidy)
 fuzz_packages=(clang libclang-rt-14-dev)
 bench_packages=(libbenchmark-dev libceres-dev libopencv-video-dev)  # OpenCV's core and imgproc come with its video
 

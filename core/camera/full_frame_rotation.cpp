@@ -29,7 +29,7 @@ constexpr int kOverlapShare = 3;  // at least 1 / kOverlapShare of the interior 
 constexpr float kGainPull = 10.0f;
 constexpr float kMinVariance_grey2 = 1.0f;  // grey^2, floor of the covariance's noise; not swept
 constexpr float kMaxStep_rad = 0.5f;        // longer steps come from images that do not match; not swept
-constexpr float kMinPivot = 1e-5f;          // ratio (NormalEquations), a hundred times float32's rounding; not swept
+constexpr float kMinRotationPivot = 1e-5f;  // ratio (NormalEquations), a hundred times float32's rounding; not swept
 constexpr float kMinInformation = 1e-3f;    // on a rotation, grey^2/rad^2: there is no texture at all. Not swept
 
 constexpr int16_t kOutside = INT16_MIN;  // in warped_: the pixel falls outside the current image
@@ -48,8 +48,8 @@ FullFrameRotation::FullFrameRotation(Arena& arena, const CameraModel& camera)
   warped_.resize(warped_.capacity());
   for (int i = 0; i < pixels_.size(); ++i) {
     Pixel& pixel = pixels_[i];
-    pixel.ray = camera_.unproject(
-        {to_level0(static_cast<float>(i % width_), kLevel), to_level0(static_cast<float>(i / width_), kLevel)});
+    const int x = i % width_, y = i / width_;
+    pixel.ray = camera_.unproject({to_level0(static_cast<float>(x), kLevel), to_level0(static_cast<float>(y), kLevel)});
     const Vector3f p = pixel.ray.homogeneous();
     Vector2f px;
     Matrix23f J_px_p;
@@ -64,7 +64,7 @@ void FullFrameRotation::warp(const GreyView& current, const Matrix3f& R_cp, cons
   constexpr float kRounding = 0.5f / 256;  // pixels
   const float max_x = static_cast<float>(width_ - 1) - kRounding, max_y = static_cast<float>(height_ - 1) - kRounding;
   // Local copies, so that the compiler keeps them in registers.
-  const Matrix3f R = R_cp;
+  const Matrix3f R = R_cp;  // NOLINT(performance-unnecessary-copy-initialization)
   const Vector3f shift = R.col(2) + t_over_depth;
   const uint8_t* const data = current.data;
   const int stride = current.stride;
@@ -197,7 +197,7 @@ FitStep FullFrameRotation::step(int iteration) {
     equations_.b(j) += kGainPull * from_even[j];
   }
   float x[kUnknowns];
-  if (!equations_.solve(kMinPivot, x)) return FitStep::kFailed;
+  if (!equations_.solve(kMinRotationPivot, x)) return FitStep::kFailed;
   for (int i = 0; i < 3; ++i)
     if (!(equations_.information(i) > kMinInformation)) return FitStep::kFailed;
   const Vector3f turn(x[0], x[1], x[2]);

@@ -17,7 +17,7 @@ constexpr int kMinInliers = 6;  // rows: 12 equations of map points for the pose
 // Squared steps, in radians and mean scene depths.
 constexpr float kConvergedSq = 1e-10f;  // 0.004 px on the phone
 constexpr float kMaxStepSq = 0.5f;      // 40 degrees or 0.7 depths: longer steps come from wrong matches. Not swept
-constexpr float kMinPivot = 1e-5f;      // ratio (NormalEquations), a hundred times float32's rounding; not swept
+constexpr float kMinPosePivot = 1e-5f;  // ratio (NormalEquations), a hundred times float32's rounding; not swept
 
 constexpr float kUnseen = 1e12f;  // squared error (sigma^2) of a row that cannot be predicted: beyond every cut-off
 
@@ -211,7 +211,7 @@ FitStep PoseUpdater::step(int iteration) {
   const int unknowns = velocity_free_ ? kUnknowns : kPose;
   fill_equations(unknowns);
   float x[kUnknowns];
-  if (!equations_.solve(kMinPivot, x)) return FitStep::kFailed;
+  if (!equations_.solve(kMinPosePivot, x)) return FitStep::kFailed;
   Vector6f step;
   for (int i = 0; i < 6; ++i) {
     step[i] = x[unknowns - kPose + i];

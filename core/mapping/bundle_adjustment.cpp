@@ -26,7 +26,7 @@ constexpr float kMinExtent = 1e-3f;  // of an adjusted map, relative to before: 
 constexpr int64_t kCopyCameraInstructions = 400;       // a keyframe into the engine
 constexpr int64_t kCopyObservationInstructions = 215;  // a measurement into the engine
 constexpr int64_t kTestObservationInstructions = 20;   // a measurement of a point that no free keyframe sees
-constexpr int64_t kDistanceInstructions = 300;         // a keyframe compared, in one round of choosing the local ones
+constexpr int64_t kViewInstructions = 300;             // a keyframe compared, in one round of choosing the local ones
 constexpr int64_t kCommitPointInstructions = 20;
 constexpr int64_t kFollowAnchorInstructions = 200;  // an erased keyframe that follows its anchor
 constexpr int64_t kWeighPointInstructions = 30, kWeighObservationInstructions = 25;  // discard_outliers()
@@ -174,7 +174,7 @@ Task<> BundleAdjuster::free_cameras(int newest, bool velocities) {
     if (best < 0) break;
     cameras[best].pose_free = true;
     cameras[best].velocity_free = velocities;
-    co_await background_.spend(Work::kOther, kDistanceInstructions * cameras.size());
+    co_await background_.spend(Work::kOther, kViewInstructions * cameras.size());
   }
 }
 

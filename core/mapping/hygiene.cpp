@@ -16,11 +16,11 @@ constexpr int kMinAttempts = 20;  // searches before a point is judged; not swep
 constexpr int kMinAttemptsOfTwo = 6;
 
 // ARMv6 instructions, estimates. The sum over a run's mapping is within 10 % of the count (tests/budget).
-constexpr int64_t kLookInstructions = 30;      // at one point, for measurements to cull
-constexpr int64_t kJudgeInstructions = 10;     // of one slot of map points
-constexpr int64_t kDistanceInstructions = 12;  // of one slot of map points, in the search for neighbours
-constexpr int64_t kNormalInstructions = 5000;  // of one patch's plane
-constexpr int64_t kCompareInstructions = 400;  // of two neighbours
+constexpr int64_t kLookInstructions = 30;       // at one point, for measurements to cull
+constexpr int64_t kJudgeInstructions = 10;      // of one slot of map points
+constexpr int64_t kNeighbourInstructions = 12;  // of one slot of map points, in the search for neighbours
+constexpr int64_t kNormalInstructions = 5000;   // of one patch's plane
+constexpr int64_t kCompareInstructions = 400;   // of two neighbours
 
 }  // namespace
 
@@ -49,7 +49,7 @@ Task<> Hygiene::refine_points() {
     const MapPoint& point = map_.points()[i];
     if (point.id == 0) continue;
     const Neighbours neighbours = find_neighbours(map_, i);
-    meter_.charge(Work::kOther, kDistanceInstructions * map_.points().size() + kNormalInstructions);
+    meter_.charge(Work::kOther, kNeighbourInstructions * map_.points().size() + kNormalInstructions);
     Vector3f normal_k;
     if (fit_patch_normal(map_, neighbours, &normal_k)) map_.set_normal(i, normal_k);
     for (int n = 1; n < neighbours.size() && point.id != 0; ++n) merge_if_same(i, neighbours[n]);

@@ -10,7 +10,7 @@ namespace {
 
 // Accepted steps of one adjustment at most: more than later, since the start is further away from the minimum and the
 // map is shown afterwards. Not swept.
-constexpr int kBundleIterations = 30;
+constexpr int kInitialIterations = 30;
 constexpr int kBundleRounds = 2;  // adjustments: the second without the outliers of the first
 // Points for the pose of a view, or of a frame next to a view: bounds its time. Not swept.
 constexpr int kLocatingPoints = 40;
@@ -63,7 +63,7 @@ Task<bool> InitialMap::finish() {
   bool good = co_await locate_views();
   for (int round = 0; good && round < kBundleRounds; ++round) {
     co_await measure_velocities();
-    co_await bundle_.run(-1, true, kBundleIterations);
+    co_await bundle_.run(-1, true, kInitialIterations);
   }
   good = good && !(bundle_.result().sigma > kMaxInitialSigma) && map_.point_count() >= kMinInitialPoints;
   if (good) good = co_await align_to_dominant_plane();

@@ -25,7 +25,7 @@ constexpr float kRemainingZmssd = 0.3f;
 // ARMv6 instructions, estimates. The sum over a run's mapping is within 10 % of the count (tests/budget).
 constexpr int64_t kClearPointInstructions = 100;     // of one slot of map points
 constexpr int64_t kAddMeasurementInstructions = 60;  // of one of the tracker's measurements
-constexpr int64_t kErasePointInstructions = 50;      // of one slot of map points, when the new keyframe is discarded
+constexpr int64_t kDiscardInstructions = 50;         // of one slot of map points, when the new keyframe is discarded
 constexpr int64_t kLookUpInstructions = 100;         // whether a point is measured in the new keyframe
 
 }  // namespace
@@ -165,7 +165,7 @@ Task<> Mapper::make_room() {
     if (map_.keyframes()[k].live() && (gone < 0 || map_.keyframes()[k].id > map_.keyframes()[gone].id)) gone = k;
   map_.erase_keyframe(gone);
   map_.forget_keyframe(gone);
-  meter_.charge(Work::kOther, kErasePointInstructions * map_.points().size());
+  meter_.charge(Work::kOther, kDiscardInstructions * map_.points().size());
 }
 
 // Searches the points that should be visible in a new keyframe and that the tracker has not measured in it.

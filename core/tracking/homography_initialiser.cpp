@@ -74,11 +74,9 @@ constexpr float kMinVisibleShare = 0.6f;
 constexpr float kMinProgressToKeep = 0.5f;
 // Radius of the search, pixels of the level searched. With a prediction from the last frame's motion the smaller one is
 // enough. Without a prediction a slanted plane's parallax is to be covered [phone 4: 4 px]. Not swept.
-constexpr float kRadius_px = 3.0f, kWideRadius_px = 4.0f;
+constexpr float kStartRadius_px = 3.0f, kWideStartRadius_px = 4.0f;
 constexpr int kMinFramesToPredict = 2;  // frames tracked well before the last motion predicts the next
-// Image motion within the exposure, level-0 px, at which L1 is too blurred to search: a third of the 16 px that a
-// template covers. A view is recorded at up to half of it. Not swept.
-constexpr float kBlurLimit_px = 6.0f;
+// Image motion within the exposure, level-0 px, up to which a view is recorded. Not swept.
 constexpr float kMaxSharpBlur_px = 0.5f * kBlurLimit_px;
 // Distance from the plane, relative to the plane's depth, up to which a point's patch gets the plane's normal. Not
 // swept.
@@ -138,7 +136,7 @@ Initialiser::Progress HomographyInitialiser::track(const FrameInput& frame, cons
   const float blur_px = so3_log(R_cp).norm() / dt_s * config_.exposure_s * config_.camera.model.fx;
   SearchOptions options;
   options.level = blur_px > kBlurLimit_px ? config_.coarse_search_level : config_.search_level;
-  options.radius_px = bad_frames_ > 0 || frames_ < kMinFramesToPredict ? kWideRadius_px : kRadius_px;
+  options.radius_px = bad_frames_ > 0 || frames_ < kMinFramesToPredict ? kWideStartRadius_px : kStartRadius_px;
   const bool good = tracker_.track(recorder_.first_pyramid(), frame.pyramid(), dt_s, R_cp, options);
   report_.hint = blur_px > kBlurLimit_px ? Hint::kTooFast : Hint::kMoveSideways;
   report_.observed = tracker_.observed();

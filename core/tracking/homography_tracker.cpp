@@ -15,7 +15,8 @@ constexpr float kResidualDecay = 0.7f;  // factor of a point's offset from H, pe
 // Points searched in a frame, in turns. Each costs about 45 thousand ARMv6 instructions of the 6 million that a frame
 // may take.
 constexpr int kSearchesPerFrame = 85;
-constexpr float kMinDepth = 0.1f;  // homogeneous coordinate under which H cannot place a point, a ratio; not swept
+constexpr float kMinPlacedDepth =
+    0.1f;  // homogeneous coordinate under which H cannot place a point, a ratio; not swept
 
 // log of a matrix near the identity, second order; the trace is removed, so that the result is in sl(3).
 Matrix3f log_near_identity(const Matrix3f& M) {
@@ -88,7 +89,7 @@ std::span<const Correspondence> HomographyTracker::correspondences() {
 
 // Normalised point of pixel px as a global shutter would have seen it, in an image that moves at `rate`, 1/s.
 Vector2f HomographyTracker::corrected(const Vector2f& px, const Matrix3f& rate) const {
-  const Vector2f x = config_.camera.unproject(px);
+  Vector2f x = config_.camera.unproject(px);
   const float dt_s = config_.camera.dt_s(px);
   if (dt_s == 0) return x;
   return apply_homography(Matrix3f::Identity() - dt_s * rate, x);
@@ -134,7 +135,7 @@ bool HomographyTracker::track(const Pyramid& first_view, const Pyramid& pyramid,
 // the image.
 bool HomographyTracker::predict(const TrackedPoint& point, const Matrix3f& H_predicted, const Matrix3f& rate,
                                 Vector2f* px, Matrix2f* A) const {
-  if (homography_depth(H_predicted, point.x_1) <= kMinDepth) return false;
+  if (homography_depth(H_predicted, point.x_1) <= kMinPlacedDepth) return false;
   const Vector2f x = apply_homography(H_predicted, point.x_1) + point.residual;
   Matrix23f J;
   if (!config_.camera.project({x.x(), x.y(), 1.0f}, px, &J)) return false;

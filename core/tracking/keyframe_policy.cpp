@@ -17,7 +17,7 @@ constexpr float kSparseViewFraction = 0.6f;
 constexpr float kFullInterval_s = 2.0f;
 constexpr float kCosTurn = 0.98f;  // optical axes within 11.5 degrees: views turned by more are not near; not swept
 constexpr float kNoneNear = 1e9f;  // distance in world units when no keyframe is near
-constexpr int kMinBelieved = 2;    // believed poses in a row, so that the motion is known
+constexpr int kMinBelievedForKeyframe = 2;  // believed poses in a row, so that the motion is known
 
 }  // namespace
 
@@ -26,7 +26,7 @@ bool KeyframePolicy::wants(int64_t timestamp_ns, const MotionModel& motion, int 
   const float interval_s =
       map_.full() ? std::max(kFullInterval_s, config_.min_keyframe_interval_s) : config_.min_keyframe_interval_s;
   if (elapsed_s(last_ns_, timestamp_ns) < interval_s) return false;
-  if (motion.believed() < kMinBelieved) return false;
+  if (motion.believed() < kMinBelievedForKeyframe) return false;
   const Vector3f centre = motion.T_cw().centre();
   const Vector3f axis = motion.T_cw().R.row(2).transpose();
   // Distance to the nearest keyframe whose optical axis has nearly the same direction.

@@ -28,7 +28,7 @@ constexpr int kMaxPosePoints = 40;  // of each hypothesis' pose: three poses mus
 constexpr float kMaxSigma = 1.0f;
 constexpr float kMinParallax_rad = 0.01f;  // between the rays of a triangulated point: 0.6 degrees; not swept
 constexpr float kUnseen = 1e12f;           // squared error, units of sigma^2, at which every cost is saturated
-constexpr float kMinDepth = 0.05f;         // where a point's flow is used, with the scene at about 1: guards a division
+constexpr float kMinFlowDepth = 0.05f;     // where a point's flow is used, with the scene at about 1: guards a division
 // Prior of velocity_from_rate(), 1-sigma: wide, only for directions of motion that the points do not show. Depths/s and
 // radians/s. Not swept.
 constexpr float kWeakTranslation = 0.5f, kWeakRotation = 0.5f;
@@ -103,7 +103,7 @@ Vector6f StartHypotheses::velocity_from_rate(const Matrix3f& rate, const Hypothe
   for (const Vector3f& p_1 : hypothesis.p_1) {
     if (p_1.z() <= 0) continue;
     const Vector3f p = T_k1 * p_1;
-    if (p.z() <= kMinDepth) continue;
+    if (p.z() <= kMinFlowDepth) continue;
     const Vector2f x = p.head<2>() / p.z();
     const Vector2f flow = (apply_homography(Matrix3f::Identity() + kFlowStep_s * rate, x) - x) / kFlowStep_s;
     Matrix23f J_x_p;

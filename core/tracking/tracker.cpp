@@ -14,10 +14,6 @@ constexpr int kBadFramesUntilLost = 3;
 // wrong poses, which corrupt the map. Not swept.
 constexpr int kFramesToConfirm = 2;
 
-// Image motion within the exposure, level-0 px, at which L1 becomes too blurred to search: a third of the 16 px that a
-// template covers. Not swept.
-constexpr float kBlurLimit_px = 6.0f;
-
 // Gap between two frames, s, after which the motion model's velocity is not used. Not swept.
 constexpr float kMaxGap_s = 1.0f;
 // Interval, s, given to the motion model for a relocalised pose: the time since the last pose means nothing, and a long

@@ -144,7 +144,7 @@ bool find_readout(const ReadoutOptions& options) {
   return true;
 }
 
-struct Chosen {
+struct ReadoutChoice {
   RecordingInput input;
   RunOptions run;
   std::string axes = "both";
@@ -156,7 +156,7 @@ struct Chosen {
 Command add_readout(CLI::App& program) {
   CLI::App* command =
       program.add_subcommand("readout", "Find a recording's rolling shutter: the one with which its map fits best");
-  const auto chosen = std::make_shared<Chosen>();
+  const auto chosen = std::make_shared<ReadoutChoice>();
   add_recording_options(command, &chosen->input);
   command->add_option("--axis", chosen->axes, "rows, columns, or both of them [both]")
       ->check(CLI::IsMember({"rows", "columns", "both"}))

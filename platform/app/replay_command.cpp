@@ -12,14 +12,14 @@ namespace {
 
 using namespace platform;
 
-struct Chosen {
+struct ReplayChoice {
   RecordingInput input;
   std::string readout;
   RunOptions run;
   OutputOptions output;
 };
 
-int replay_recording(const Chosen& chosen, const std::string& command_line) {
+int replay_recording(const ReplayChoice& chosen, const std::string& command_line) {
   RecordingOptions recording = chosen.input.recording();
   if (!chosen.readout.empty()) {
     const Readout parsed = parse_readout(chosen.readout);
@@ -36,7 +36,7 @@ int replay_recording(const Chosen& chosen, const std::string& command_line) {
 
 Command add_replay(CLI::App& program, const std::string& command_line) {
   CLI::App* replay = program.add_subcommand("replay", "Run on a recorded sequence");
-  const auto chosen = std::make_shared<Chosen>();
+  const auto chosen = std::make_shared<ReplayChoice>();
   add_recording_options(replay, &chosen->input);
   replay->add_option("--readout", chosen->readout, "Rolling shutter of the source, rows|columns:+|-:SECONDS");
   add_run_options(replay, &chosen->run, &chosen->output);

@@ -27,7 +27,7 @@ namespace {
 using namespace platform;
 
 // What was asked for.
-struct Chosen {
+struct SimChoice {
   std::vector<std::string> stories, scenes;
   sim::PhoneOptions phone;
   std::optional<double> duration_s, exposure_s, drop_probability;  // without them a story's own hold
@@ -62,7 +62,7 @@ CLI::Option* add_repeatable(CLI::App* command, const std::string& name, std::vec
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
 }
 
-CLI::Option* add_sequence_options(CLI::App* sim, Chosen* chosen) {
+CLI::Option* add_sequence_options(CLI::App* sim, SimChoice* chosen) {
   sim::PhoneOptions& phone = chosen->phone;
   CLI::Option* story =
       add_repeatable(sim, "--story", &chosen->stories, "One of the stories below; may be repeated with --suite");
@@ -301,7 +301,7 @@ class SimCommand {
   }
 
   std::string command_line_;
-  Chosen chosen_;
+  SimChoice chosen_;
   ChosenStudies studies_;
   RunOptions run_;
   OutputOptions output_;

@@ -19,7 +19,7 @@ constexpr double kMaxNumber = 1e6;           // of any entry: beyond it the file
 // A YAML mapping and the file that it comes from; every getter throws InputError naming that file and the key.
 class Section {
  public:
-  Section(std::string file, YAML::Node node) : file_(std::move(file)), node_(std::move(node)) {
+  Section(std::string file, const YAML::Node& node) : file_(std::move(file)), node_(node) {
     if (!node_.IsMap()) fail("a mapping of keys to values was expected: this is not a camera calibration");
   }
 

@@ -91,7 +91,7 @@ void dump_sequence(Camera& camera, const std::filesystem::path& folder,
     const std::string stamp = seconds(frame.timestamp_ns);
     const std::string name = "rgb/" + stamp + ".png";
     write_png(folder / name, {frame.data, frame.width, frame.height, frame.stride_bytes});
-    list += stamp + " " + name + "\n";
+    list.append(stamp).append(" ").append(name).append("\n");
     ++done;
     if (progress) progress(done, camera.info().frame_count.value_or(done));
   }

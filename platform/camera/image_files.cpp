@@ -14,7 +14,6 @@
 namespace pptam::platform {
 namespace {
 
-constexpr int kMaxSide = 16384;  // pixels; a header may promise more than the memory holds
 constexpr int64_t kMaxPixels = int64_t{1} << 26;
 
 using Pixbuf = std::unique_ptr<GdkPixbuf, void (*)(GdkPixbuf*)>;
@@ -30,7 +29,7 @@ std::string take_message(GError* error) {
 }
 
 std::string take_string(gchar* text) {
-  const std::string copy = text ? text : "";
+  std::string copy = text ? text : "";
   g_free(text);
   return copy;
 }

@@ -9,6 +9,8 @@
 
 namespace pptam::platform {
 
+constexpr int kMaxSide = 16384;  // pixels, of images and videos; a header may promise more than the memory holds
+
 struct GreyPixels {
   int width = 0;
   int height = 0;

@@ -21,8 +21,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kDefaultFps = 30;  // of images that say nothing about time
-constexpr double kMaxFps = 10000;
 constexpr double kNsPerS = 1e9;
 
 bool is_folder(const fs::path& path) {

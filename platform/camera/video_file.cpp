@@ -6,14 +6,12 @@
 #include <map>
 #include <string_view>
 
+#include "platform/camera/image_files.h"
 #include "platform/input_error.h"
 
 namespace pptam::platform {
 namespace {
 
-constexpr double kDefaultFps = 30;
-constexpr double kMaxFps = 10000;
-constexpr int kMaxSide = 16384;  // pixels
 // The count of frames is partly an estimate from the duration, which is off by the rounding of both and by a varying
 // frame rate. Fewer than this fraction of it, less two frames, means that the file breaks off.
 constexpr double kMinDelivered = 0.9;
@@ -40,8 +38,8 @@ std::map<std::string, std::string> probe(const std::filesystem::path& file) {
       "-select_streams",
       "v:0",
       "-show_entries",
-      "stream=width,height,avg_frame_rate,r_frame_rate,nb_frames,duration:stream_side_data=rotation:"
-      "format=format_name,duration",
+      ("stream=width,height,avg_frame_rate,r_frame_rate,nb_frames,duration:stream_side_data=rotation:"
+       "format=format_name,duration"),
       "-of",
       "default=noprint_wrappers=1"};
   for (const std::string& word : input_arguments(file)) argv.push_back(word);

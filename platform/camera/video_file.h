@@ -15,6 +15,9 @@
 
 namespace pptam::platform {
 
+constexpr double kDefaultFps = 30;  // of videos and images that say nothing about time
+constexpr double kMaxFps = 10000;
+
 class VideoFile {
  public:
   // Throws InputError naming the file when it is no video. warnings may be null.

@@ -65,6 +65,7 @@ void print_rows(const std::vector<SummaryRow>& rows) {
 
 void print_table(const std::vector<std::string>& heads, const std::vector<std::vector<std::string>>& rows) {
   std::vector<size_t> widths;
+  widths.reserve(heads.size());
   for (const std::string& head : heads) widths.push_back(head.size());
   for (const std::vector<std::string>& row : rows) {
     for (size_t c = 0; c < std::min(row.size(), widths.size()); ++c) widths[c] = std::max(widths[c], row[c].size());

@@ -149,6 +149,7 @@ double angle_deg(const Matrix3d& R) {
 // The rotation between the worlds, from orientations alone: the one nearest to most, then the mean of those near it.
 Matrix3d robust_world_rotation(const std::vector<AssociatedPose>& poses) {
   std::vector<Matrix3d> rotations;
+  rotations.reserve(poses.size());
   for (const AssociatedPose& pose : poses) {
     rotations.push_back(pose.truth_T_wc.linear() * pose.T_wc.linear().transpose());
   }
@@ -157,6 +158,7 @@ Matrix3d robust_world_rotation(const std::vector<AssociatedPose>& poses) {
   double best_median = std::numeric_limits<double>::infinity();
   const auto errors_of = [&](const Matrix3d& R) {
     std::vector<double> errors;
+    errors.reserve(rotations.size());
     for (const Matrix3d& other : rotations) errors.push_back(angle_deg(R.transpose() * other));
     return errors;
   };

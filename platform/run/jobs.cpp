@@ -24,6 +24,7 @@ void run_jobs(int threads, size_t count, const std::function<std::string(size_t)
     }
   };
   std::vector<std::thread> workers;
+  workers.reserve(static_cast<size_t>(threads));
   for (int i = 0; i < threads; ++i) workers.emplace_back(worker);
   for (std::thread& thread : workers) thread.join();
   progress.finish();

@@ -2,13 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
-#include <numbers>
 #include <optional>
 
 #include "platform/input_error.h"
 #include "platform/run/evaluation.h"
+#include "platform/run/statistics.h"
 #include "platform/text.h"
+#include "sim_phone/hand.h"
 
 namespace pptam::laboratory {
 namespace {
@@ -18,9 +18,6 @@ using namespace platform;
 using Eigen::Isometry3d;
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
-
-constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
-constexpr double kDegree = std::numbers::pi / 180;
 
 // A true pose this near to one that was tracked rightly shows a known view: at half a metre 10 cm shift it by 11
 // degrees, of the 37 x 48 that the phone sees.
@@ -41,7 +38,7 @@ Vector3d rotation_vector(const Matrix3d& R) {
 }
 
 double angle_deg(const Matrix3d& R) {
-  return Eigen::AngleAxisd(R).angle() / kDegree;
+  return Eigen::AngleAxisd(R).angle() / sim::kDegree;
 }
 
 // What the log and the truth say of each frame.
@@ -134,7 +131,7 @@ void judge_standstill(const std::vector<Moment>& moments, const sim::Standstill&
     turn_expected_sq += m->frame->rotation_sigma * m->frame->rotation_sigma / count;
   }
   j->jitter_mm = 1000 * scale * std::sqrt(position_sq);
-  j->jitter_deg = std::sqrt(turn_sq) / kDegree;
+  j->jitter_deg = std::sqrt(turn_sq) / sim::kDegree;
   if (position_expected_sq > 0) j->jitter_mm_ratio = std::sqrt(position_sq / position_expected_sq);
   if (turn_expected_sq > 0) j->jitter_deg_ratio = std::sqrt(turn_sq / turn_expected_sq);
 

@@ -15,6 +15,7 @@
 #include "platform/run/names.h"
 #include "platform/run/statistics.h"
 #include "platform/text.h"
+#include "sim_phone/hand.h"
 #include "sim_phone/random.h"
 
 namespace pptam::laboratory {
@@ -26,9 +27,7 @@ using Eigen::Isometry3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr double kDegree = std::numbers::pi / 180;
-constexpr double kNone = std::numeric_limits<double>::quiet_NaN();  // shown as "-"
-constexpr uint64_t kTrialsPerScene = 10;                            // painting a scene takes as long as two trials
+constexpr uint64_t kTrialsPerScene = 10;  // painting a scene takes as long as two trials
 
 struct Kind {
   const char* name;
@@ -97,7 +96,7 @@ Vector3d ray_through(const CameraModel& m, const Vector2d& px) {
 }
 
 double angle_deg(const Vector3d& a, const Vector3d& b) {
-  return std::atan2(a.cross(b).norm(), a.dot(b)) / kDegree;
+  return std::atan2(a.cross(b).norm(), a.dot(b)) / sim::kDegree;
 }
 
 // Share of the points on the plane that explains most of them, within 2 % of the depth. All triples of up to 30 points.
@@ -148,6 +147,7 @@ double right_depths(const RunLog& log, const sim::Scene& scene, const sim::Start
   std::erase_if(ratios, [](const std::vector<double>& choices) { return choices.empty(); });
   if (ratios.empty()) return 0;
   std::vector<double> sorted;
+  sorted.reserve(ratios.size());
   for (const std::vector<double>& choices : ratios) sorted.push_back(choices.front());
   std::sort(sorted.begin(), sorted.end());
   const double scale = sorted[sorted.size() / 2];
@@ -264,7 +264,7 @@ std::string scatter(const std::vector<StudyTrial>& trials, const std::vector<std
       if (const auto at = place(trial)) data += format("%.6g %.6g\n", at->x(), at->y());
     }
     if (!data.empty()) {
-      script += "$" + kind + " << EOD\n" + data + "EOD\n";
+      script.append("$").append(kind).append(" << EOD\n").append(data).append("EOD\n");
       plots +=
           (plots.empty() ? "plot " : ", ") + format("$%s using 1:2 with points pt 7 ps 0.45 lc rgb '%s' title '%s'",
                                                     kind.c_str(), kColours[colour], kind.c_str());

@@ -26,8 +26,6 @@ namespace {
 
 using namespace platform;
 
-constexpr double kNone = std::numeric_limits<double>::quiet_NaN();  // shown as "-"
-
 // The goals for all stories, with the phone profile.
 constexpr double kGoalTracked = 98;     // % of the frames, stories that do not lose on purpose
 constexpr double kGoalRecovered = 95;   // % of the losses
@@ -380,6 +378,7 @@ void print_suite(const std::vector<Row>& rows) {
 
 void print_goals(const std::vector<Goal>& goals) {
   std::vector<std::vector<std::string>> cells;
+  cells.reserve(goals.size());
   for (const Goal& goal : goals) {
     cells.push_back({goal.what, goal.wanted, goal.found, goal.wanted.empty() ? "" : goal.met ? "met" : "NOT MET"});
   }

@@ -11,8 +11,8 @@
 #include <string>
 #include <vector>
 
-#include "mapping/culling.h"
 #include "mapping/mapper.h"
+#include "mapping/usefulness_culling.h"
 #include "tests/budget/count_table.h"
 #include "tests/budget/painted_run.h"
 #include "tests/budget/parts.h"

@@ -1,6 +1,4 @@
 // Culling of measurements and keyframes: usefulness, votes, connection, what erased keyframes go on doing.
-#include "mapping/culling.h"
-
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
@@ -12,6 +10,7 @@
 #include <vector>
 
 #include "map/patch_search.h"
+#include "mapping/usefulness_culling.h"
 #include "tests/support/map_building.h"
 #include "tests/support/phone_camera.h"
 #include "tests/support/random.h"
