@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "tests/budget/parts.h"
+#include "tests/kernels/test_images.h"
 #include "tests/support/recording.h"
 
 namespace pptam {

@@ -8,6 +8,7 @@
 #include <span>
 #include <vector>
 
+#include <pocket_ptam/pocket_ptam.h>
 #include "mapping/mapper.h"
 #include "tracking/tracker.h"
 

@@ -1,4 +1,4 @@
-#include "core/image/corners.h"
+#include "image/corners.h"
 
 #include <gtest/gtest.h>
 

@@ -1,10 +1,9 @@
-#include "core/image/grey.h"
-
 #include <gtest/gtest.h>
 
 #include <climits>
 #include <vector>
 
+#include <pocket_ptam/image.h>
 #include "tests/kernels/test_images.h"
 
 namespace pptam {

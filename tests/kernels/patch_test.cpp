@@ -1,4 +1,4 @@
-#include "core/image/patch.h"
+#include "image/patch.h"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "core/image/pyramid.h"
+#include "image/pyramid.h"
 
 #include <gtest/gtest.h>
 

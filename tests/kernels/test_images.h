@@ -7,7 +7,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "core/image/image.h"
+#include <pocket_ptam/image.h>
 #include "tests/support/random.h"
 
 namespace pptam::test {
