@@ -9,7 +9,7 @@ Config Config::phone(const CameraModel& model) {
   config.corner_source = create_shi_tomasi_corners;
   config.initialiser = create_homography_initialiser;
   config.point_source = create_partial_points;
-  config.culling = create_usefulness_culling;
+  config.culling = create_keyframe_votes;
   config.camera.model = model;
   return config;
 }

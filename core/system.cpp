@@ -144,8 +144,10 @@ Status System::create(const Config& config, std::span<std::byte> memory, System*
   Arena arena(memory);
   void* place = arena.allocate(sizeof(System));
   void* impl_place = arena.allocate(sizeof(Impl));
-  *system = new (place) System(new (impl_place) Impl(arena, prepared));
-  PPTAM_ASSERT(!arena.overflowed());
+  Impl* const impl = new (impl_place) Impl(arena, prepared);
+  if (arena.overflowed())
+    return {StatusCode::kOutOfMemory, "System::create: a part of Config takes more memory than when it was measured"};
+  *system = new (place) System(impl);
   return {};
 }
 

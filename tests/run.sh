@@ -7,16 +7,15 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
 if [[ "${1:-}" == -h || "${1:-}" == --help ]]; then
   cat <<'HELP'
-Usage: tests/run.sh [--all]
-       tests/run.sh [--all] --preset NAME [CTEST OPTIONS]
-       tests/run.sh [CTEST OPTIONS]
+Usage: tests/run.sh [--all] [--preset NAME] [CTEST OPTIONS]
 Builds the tests and runs them. On Debian it first installs the packages that are missing (as root or by sudo).
-Without options all presets, one after the other; --all takes the studies whole that are otherwise sampled, and runs
-the unit tests on every processor:
+Without options the presets below, one after the other:
   style     formatting and clang-tidy               armv6     kernels, map files and budget on an emulated ARM1176
   test      everything, by gcc                      armv7     kernels, map files and bits on a Cortex-A7 with NEON
-  clang     unit, kernel, map file and API tests    aarch64   the same on a 64-bit Cortex-A53
-  sanitize  the same with address and undefined-behaviour sanitizers
+  sanitize  unit, kernel, map file, bits and API    aarch64   the same on a 64-bit Cortex-A53
+            tests by clang with sanitizers
+--all: besides, the tests of sanitize by clang without them, the unit tests on every processor, and the studies whole
+that are otherwise sampled.
 With other options one preset, test if none is named; those that are not known here go to ctest:
   tests/run.sh -L unit                   only the tests of one folder: unit, kernels, map_file, budget, scenario,
                                          cli
@@ -27,22 +26,33 @@ HELP
   exit 0
 fi
 
-presets=(style test clang sanitize armv6 armv7 aarch64)
-if [[ "${1:-}" == --all ]]; then
-  export PPTAM_ALL=1
+presets=(style test sanitize armv6 armv7 aarch64) one_preset="" options=()
+while (($# > 0)); do
+  case "$1" in
+    --all)
+      export PPTAM_ALL=1
+      presets=(style test clang sanitize armv6 armv7 aarch64)
+      ;;
+    --preset)
+      if [[ " style test debug clang sanitize armv6 armv7 aarch64 " != *" ${2:-none} "* ]]; then
+        echo "error: --preset needs one of style, test, debug, clang, sanitize, armv6, armv7, aarch64; see --help" >&2
+        exit 2
+      fi
+      one_preset=$2
+      shift
+      ;;
+    *) options+=("$1") ;;
+  esac
   shift
-fi
-if (($# > 0)); then
-  known=" ${presets[*]} debug "
+done
+if [[ -n "$one_preset" ]]; then
+  presets=("$one_preset")
+elif ((${#options[@]} > 0)); then
   presets=(test)
-  if [[ "$1" == --preset ]]; then
-    if [[ -z "${2:-}" || "$known" != *" $2 "* ]]; then
-      echo "error: --preset needs one of:$known; see --help" >&2
-      exit 2
-    fi
-    presets=("$2")
-    shift 2
-  fi
+fi
+if [[ "$one_preset" == style ]] && ((${#options[@]} > 0)); then
+  echo "error: --preset style takes no further options" >&2
+  exit 2
 fi
 
 source toolchains/debian_packages.sh
@@ -50,7 +60,8 @@ packages=("${program_packages[@]}" "${test_packages[@]}")
 for preset in "${presets[@]}"; do
   case "$preset" in
     style) packages+=("${style_packages[@]}") ;;
-    clang | arm* | aarch64) packages+=("${target_packages[@]}") ;;
+    clang | sanitize) packages+=("${sanitize_packages[@]}") ;;
+    arm* | aarch64) packages+=("${target_packages[@]}") ;;
   esac
 done
 install_packages "${packages[@]}"
@@ -62,25 +73,26 @@ count() {  # passed, failed, skipped
 
 # Debian 12's versions decide: others format differently, and find other things.
 check_style() {
-  local version
-  version=$(clang-format --version | sed -E 's/.*version ([0-9]+).*/\1/')
-  if [[ "$version" != 14 ]]; then
-    echo "skipped: style is checked with version 14 of clang-format and clang-tidy, here is $version"
+  local format tidy
+  format=$(clang-format --version 2>/dev/null | sed -nE 's/.*version ([0-9]+).*/\1/p' || true)
+  tidy=$(clang-tidy --version 2>/dev/null | sed -nE 's/.*version ([0-9]+).*/\1/p' || true)
+  if [[ "$format" != 14 || "$tidy" != 14 ]]; then
+    echo "skipped: style is checked with version 14; clang-format is ${format:-missing}, clang-tidy ${tidy:-missing}"
     count 0 0 2
     return
   fi
-  if find core platform sim_phone tests -name '*.h' -o -name '*.cpp' | xargs clang-format --dry-run -Werror; then
+  if find core platform sim_phone tests -name '*.h' -o -name '*.cpp' | xargs -d '\n' clang-format --dry-run -Werror; then
     count 1 0 0
   else
     echo "FAILED: the formatting; mend it with clang-format -i"
     count 0 1 0
   fi
   # The sources of a folder as one, so that Eigen is read once for each: see PPTAM_UNITY.
-  cmake --preset style --log-level=WARNING >/dev/null
-  if sed -nE 's/^ *"file": "(.*)",?$/\1/p' build/style/compile_commands.json |
-    xargs -P "$(nproc)" -n 1 clang-tidy -p build/style --quiet; then
+  if cmake --preset style --log-level=WARNING >/dev/null && sed -nE 's/^ *"file": "(.*)",?$/\1/p' build/style/compile_commands.json |
+    xargs -d '\n' -P "$(nproc)" -n 1 clang-tidy -p build/style --quiet &>build/style/findings.log; then
     count 1 0 0
   else
+    grep -vE '^[0-9]+ warnings? generated' build/style/findings.log || true
     echo "FAILED: clang-tidy"
     count 0 1 0
   fi
@@ -96,7 +108,10 @@ for preset in "${presets[@]}"; do
   fi
   targets=() labels=""
   case "$preset" in
-    clang | sanitize) targets=(unit_tests kernels_tests map_file_tests api_tests) labels='^(unit|kernels|map_file|api)$' ;;
+    clang | sanitize)
+      targets=(unit_tests kernels_tests map_file_tests bits_tests api_tests)
+      labels='^(unit|kernels|map_file|bits|api)$'
+      ;;
     armv6)
       targets=(kernels_tests map_file_tests bits_tests budget_tests) labels='^(kernels|map_file|bits|budget)$'
       ;;
@@ -106,11 +121,15 @@ for preset in "${presets[@]}"; do
     targets+=(unit_tests) labels="${labels/(/(unit|}"
   fi
   echo "== $preset: building"
-  cmake --preset "$preset" --log-level=WARNING >/dev/null
-  cmake --build --preset "$preset" --parallel "$(nproc)" ${targets[@]:+--target "${targets[@]}"}
+  if ! cmake --preset "$preset" --log-level=WARNING >/dev/null ||
+    ! cmake --build --preset "$preset" --parallel "$(nproc)" ${targets[@]:+--target "${targets[@]}"}; then
+    echo "FAILED: $preset was not built"
+    count 0 1 0
+    continue
+  fi
   echo "== $preset: testing"
   log="build/$preset/tests.log"
-  ctest --preset "$preset" ${labels:+-L "$labels"} "$@" 2>&1 | tee "$log" || true
+  ctest --preset "$preset" ${labels:+-L "$labels"} ${options[@]:+"${options[@]}"} 2>&1 | tee "$log" || true
   # ctest: "98% tests passed, 2 tests failed out of 100", in which skipped ones count as passed; nothing when it ran none.
   summary=$(grep -E '^[0-9]+% tests passed' "$log" || true)
   if [[ -z "$summary" ]]; then

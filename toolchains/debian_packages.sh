@@ -9,12 +9,12 @@ program_packages=(
   ffmpeg gnuplot-nox                                    # the program runs them: videos, plots
 )
 test_packages=(libgtest-dev)
-target_packages=(                                       # tests/run.sh runs the core on other compilers and processors
-  clang
+target_packages=(                                       # tests/run.sh runs the core on other processors
   g++-arm-linux-gnueabi g++-arm-linux-gnueabihf g++-aarch64-linux-gnu qemu-user
 )
 style_packages=(clang clang-format clang-tidy)
-fuzz_packages=(clang libclang-rt-14-dev)
+sanitize_packages=(clang libclang-rt-dev)
+fuzz_packages=("${sanitize_packages[@]}")
 bench_packages=(libbenchmark-dev libceres-dev libopencv-video-dev)  # OpenCV's core and imgproc come with its video
 
 # install_packages NAME...: those that are not installed yet. Calls apt only when one is missing, so that everything

@@ -41,6 +41,7 @@ class Arena {
     return array;
   }
   // Builds a T, whose constructor's first argument is this arena. Null when measuring, and when the block is too small.
+  // A T that fits may still have empty storage: overflowed() tells.
   template <class T, class... Args>
   T* create(Args&&... args) {
     static_assert(alignof(T) <= kAlignment && std::is_trivially_destructible_v<T>);

@@ -6,6 +6,7 @@
 // that only storage is swapped.
 #pragma once
 
+#include <span>
 #include <utility>
 
 #include <pocket_ptam/camera.h>

@@ -1,6 +1,8 @@
 #include "map/map.h"
 
+#include <algorithm>
 #include <cstring>
+#include <utility>
 
 #include "base/assert.h"
 

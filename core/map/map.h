@@ -12,6 +12,7 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 
 #include <pocket_ptam/camera.h>
 #include <pocket_ptam/config.h>

@@ -66,7 +66,10 @@ Task<> BundleAdjuster::run(int newest, bool velocities, int max_iterations) {
   result_ = BundleResult();
   const bool few = newest >= 0 || map_.live_count() <= kMaxVelocityCameras;
   co_await gather(newest, velocities && few && config_.camera.shutter.line_time_s != 0);
-  if (!engine_.assign_columns() || engine_.columns() == 0 || engine_.points().size() < kMinPoints) co_return;
+  if (!engine_.assign_columns() || engine_.columns() == 0 || engine_.points().size() < kMinPoints) {
+    result_.converged = true;  // there is nothing to adjust: asking again would not change that
+    co_return;
+  }
   co_await engine_.start(BundleOptions());
   while (result_.iterations < max_iterations) {
     co_await engine_.linearise();
@@ -218,6 +221,7 @@ bool BundleAdjuster::measure_again(const MapPoint& point, Measurement* measureme
   meter_.charge(Work::kPointProjected, 1);
   if (!config_.camera.project_rolling(keyframe.T_kw, keyframe.velocity, point.p_w, &predicted)) return false;
   SearchOptions options;
+  options.level = config_.search_level;
   // A measurement's sigma is one pixel of the level searched, so the engine's sigma is in pixels of that level.
   options.radius_px = std::clamp(kTukeyCutoff * engine_.sigma(), kMinSecondSearch_px, kMaxSecondSearch_px);
   options.max_relative_zmssd = kSecondSearchZmssd;

@@ -57,6 +57,9 @@ enum class BundleOutcome : uint8_t {
 
 // Projection has two functions: bool project(int camera, const Vector3& p_c, Vector2* px) const, and one with a further
 // argument Matrix23* J for d(px)/d(p_c). Both return false when p_c cannot be seen.
+//
+// One class with some thirty members: the arrays of one problem and of its normal equations, and the scalars of one
+// iteration. Each part of an iteration reads most of them.
 template <class Scalar, class Projection>
 class BundleEngine {
  public:

@@ -1,6 +1,6 @@
 #include "mapping/hygiene.h"
 
-#include "mapping/culling.h"
+#include "mapping/measurement_culling.h"
 #include "mapping/neighbours.h"
 
 namespace pptam {

@@ -141,7 +141,8 @@ Task<bool> InitialMap::align_to_dominant_plane() {
     if (map_.points()[i].id != 0) points_.push_back(static_cast<int16_t>(i));
   Plane plane = co_await sample_planes(threshold);
   if (plane.found) plane = co_await refine(plane, threshold);
-  co_return plane.found&& align_to(plane, threshold);
+  const bool aligned = plane.found && align_to(plane, threshold);
+  co_return aligned;
 }
 
 // Among planes through three points, the one with the lowest sum of point distances, each cut off at the threshold. The

@@ -1,5 +1,8 @@
 #include "mapping/mapper.h"
 
+#include "base/assert.h"
+#include "mapping/measurement_culling.h"
+
 namespace pptam {
 
 namespace {
@@ -154,13 +157,15 @@ Task<> Mapper::insert_keyframe() {
 // keyframe is discarded, and the map is full.
 Task<> Mapper::make_room() {
   int gone = co_await culling_->choose();
-  if (gone >= 0) {
+  PPTAM_ASSERT(gone != 0);
+  if (gone > 0) {
     map_.set_full(false);
     co_await eraser_.erase(gone);
     co_await eraser_.forget_surplus();
     co_return;
   }
   map_.set_full(true);
+  gone = -1;
   for (int k = 0; k < map_.keyframes().size(); ++k)
     if (map_.keyframes()[k].live() && (gone < 0 || map_.keyframes()[k].id > map_.keyframes()[gone].id)) gone = k;
   map_.erase_keyframe(gone);

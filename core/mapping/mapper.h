@@ -2,17 +2,16 @@
 //
 // - A map that an initialiser has made is finished (InitialMap).
 // - A new keyframe is inserted: the tracker's measurements are taken over, the remaining visible points are searched,
-// and
-//   the point source makes new points. Then follow bundle adjustment, local and full, and Hygiene.
+//   and the point source makes new points. Then follow bundle adjustment, local and full, and Hygiene.
 // - When there are too many keyframes the least useful one is erased. If none can be, the new one is discarded.
 #pragma once
 
 #include "map/map.h"
 #include "map/patch_search.h"
 #include "mapping/bundle_adjustment.h"
-#include "mapping/culling.h"
 #include "mapping/hygiene.h"
 #include "mapping/initial_map.h"
+#include "mapping/keyframe_culling.h"
 #include "mapping/keyframe_pose.h"
 #include "mapping/point_source.h"
 #include "scheduler/task.h"

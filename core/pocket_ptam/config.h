@@ -10,7 +10,7 @@ class Arena;
 class Background;
 class CornerSource;     // image/corner_source.h
 class Initialiser;      // tracking/initialiser.h
-class KeyframeCulling;  // mapping/culling.h
+class KeyframeCulling;  // mapping/keyframe_culling.h
 class Map;
 class PointSource;  // mapping/point_source.h
 struct Config;
@@ -26,7 +26,7 @@ using CreateKeyframeCulling = KeyframeCulling*(Arena&, const Config&, Map&, Work
 CreateCornerSource create_shi_tomasi_corners;     // multi-scale [phone 3.1]
 CreateInitialiser create_homography_initialiser;  // two-stage, from one tap [phone 5.1]
 CreatePointSource create_partial_points;          // inverse depth, frame by frame [phone 5.2]
-CreateKeyframeCulling create_usefulness_culling;  // keyframes are ranked by their points' votes [phone 3.3]
+CreateKeyframeCulling create_keyframe_votes;      // keyframes are ranked by their points' votes [phone 3.3]
 
 // All settings, passed once to System::create. Capacities (max_...) are counts that bound memory and time. A capacity
 // that was reached shows in TrackResult::limits_hit. "Not swept": no other value was measured.
@@ -78,8 +78,8 @@ struct Config {
 
   PhoneProfile profile;  // turns charged work into time (the work clock)
 
-  // The 2009 phone's parts and capacities, for a camera of any size from 64x64 to 4096x4096. Its shutter is global
-  // until camera.shutter is set.
+  // The 2009 phone's parts and capacities, for a camera from 64x64 pixels to 12 million (its 86 images may take 1 GB).
+  // Its shutter is global until camera.shutter is set.
   static Config phone(const CameraModel& model);
   Status validate() const;
 };

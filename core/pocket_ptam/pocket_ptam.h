@@ -51,7 +51,7 @@ class System {
   TrackResult track(const Frame& frame);
 
   bool has_work() const;  // whether there is mapping work for idle time
-  void work_slice();      // one slice of mapping, at most about 0.25 million ARMv6 instructions
+  void work_slice();      // one slice of mapping: with the phone's capacities at most 0.25 million ARMv6 instructions
 
   // Starts initialisation with the next frame. An existing map, or a start in progress, is discarded.
   void tap();
@@ -81,8 +81,8 @@ class System {
   void set_locked(bool locked);
   bool locked() const;
 
-  // Each copies up to out.size() entries, ordered by id (keyframes: the live ones), and returns how many there are in
-  // all.
+  // Each copies up to out.size() entries and returns how many there are in all: live keyframes ordered by id, map
+  // points in no particular order.
   int keyframes(std::span<KeyframeInfo> out) const;
   int map_points(std::span<MapPointInfo> out) const;
   int measurements(std::span<MeasurementInfo> out) const;  // grouped by point, points in map_points()'s order

@@ -19,6 +19,8 @@ using Matrix26f = Eigen::Matrix<float, 2, 6>;
 using Matrix6f = Eigen::Matrix<float, 6, 6>;
 using Vector6f = Eigen::Matrix<float, 6, 1>;
 using Vector8f = Eigen::Matrix<float, 8, 1>;
+static_assert(alignof(Matrix6f) == alignof(float),
+              "compile with EIGEN_DONT_VECTORIZE, as the library is: otherwise TrackResult has another layout here");
 
 // Skew-symmetric matrix: hat(a) * b = a x b.
 Matrix3f hat(const Vector3f& a);

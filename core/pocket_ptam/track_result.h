@@ -12,7 +12,7 @@ namespace pptam {
 enum class TrackingState : uint8_t {
   kWaiting,       // no map: tap() starts initialisation, or it starts by itself (Config::auto_start)
   kInitialising,  // the first view is tracked; move sideways
-  kTracking,      // pose is valid
+  kTracking,      // the map is tracked; whether this frame has a pose is TrackResult::pose_valid
   kLost           // there is a map, but the pose is unknown; the relocaliser tries in every frame
 };
 
@@ -26,7 +26,7 @@ enum class Hint : uint8_t {
   kOnlyRotating,      // initialising: rotation alone cannot give depth
   kTooLittleTexture,  // about to start: too few corners in view
   kTooFast,           // initialising: the image is blurred
-  kStartLost,         // the first view was lost: initialisation begins again
+  kStartLost,         // the first view was lost; it begins again by itself with Config::auto_start, else tap again
   kReturnToKnownView  // lost: show a view that a keyframe has seen
 };
 
@@ -68,7 +68,7 @@ struct ObservedPoint {
 };
 
 struct TrackResult {
-  Status status;             // not ok: the frame was refused and nothing changed
+  Status status;             // not ok: the frame was refused, nothing changed, all else but the timestamp is default
   int64_t timestamp_ns = 0;  // the frame's
   TrackingState state = TrackingState::kWaiting;
   TrackingQuality quality = TrackingQuality::kBad;

@@ -16,6 +16,10 @@ inline float elapsed_s(int64_t from_ns, int64_t to_ns) {
 // template covers. Not swept.
 constexpr float kBlurLimit_px = 6.0f;
 
+// Gap between two frames, s, after which the motion model's velocity is not used, nor rest taken for granted. Not
+// swept.
+constexpr float kMaxGap_s = 1.0f;
+
 class FrameInput {
  public:
   FrameInput(Arena& arena, const CameraModel& camera, WorkMeter& meter);

@@ -15,8 +15,8 @@ constexpr float kResidualDecay = 0.7f;  // factor of a point's offset from H, pe
 // Points searched in a frame, in turns. Each costs about 45 thousand ARMv6 instructions of the 6 million that a frame
 // may take.
 constexpr int kSearchesPerFrame = 85;
-constexpr float kMinPlacedDepth =
-    0.1f;  // homogeneous coordinate under which H cannot place a point, a ratio; not swept
+// Homogeneous coordinate under which H cannot place a point, a ratio. Not swept.
+constexpr float kMinPlacedDepth = 0.1f;
 
 // log of a matrix near the identity, second order; the trace is removed, so that the result is in sl(3).
 Matrix3f log_near_identity(const Matrix3f& M) {

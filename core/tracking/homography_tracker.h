@@ -6,6 +6,8 @@
 // searches at most kSearchesPerFrame points.
 #pragma once
 
+#include <span>
+
 #include "geometry/homography.h"
 #include "image/corner_source.h"
 #include "map/map.h"

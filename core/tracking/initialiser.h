@@ -2,6 +2,8 @@
 // Config chooses the kind. The tracker calls it once a frame while there is no map.
 #pragma once
 
+#include <span>
+
 #include "map/map.h"
 #include "tracking/frame_input.h"
 
@@ -18,8 +20,9 @@ class Initialiser {
   struct Report {        // of the last frame
     float progress = 0;  // 0 to 1
     Hint hint = Hint::kNone;
-    int attempted = 0, found = 0;             // points of the first view
-    std::span<const ObservedPoint> observed;  // valid until the next call
+    int attempted = 0, found = 0;  // points of the first view
+    // Valid, and unchanged by build() and reset(), until the next start() or track().
+    std::span<const ObservedPoint> observed;
   };
 
   // Takes the first view. rotation_rate: from the full-frame rotation, radians/s. Hint::kNone on success, otherwise why
@@ -28,7 +31,9 @@ class Initialiser {
   // Tracks the first view in the next frame. R_cp: previous camera to present camera, from the full-frame rotation.
   virtual Progress track(const FrameInput& frame, const Matrix3f& R_cp) = 0;
   // Writes keyframes and points into an empty map. The map is not ready() yet: the mapper finishes it in idle time.
-  // T_cw and velocity are the current frame's. False when the map is too small; it is empty again then.
+  // Slot 0 is the first view, the last slot the current frame; at most kMaxInitialKeyframes, with one frame next to
+  // each on either side (Map::add_neighbour). Poses of the views between are found anew; if one cannot be, the map is
+  // given up. T_cw and velocity are the current frame's. False when the map is too small; it is empty again then.
   virtual bool build(Map& map, SE3* T_cw, Vector6f* velocity) = 0;
   virtual void reset() = 0;
   virtual bool active() const = 0;

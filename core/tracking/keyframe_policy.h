@@ -2,6 +2,8 @@
 // tracked, which gives the camera's velocity in it, and then joins the queue [phone 6].
 #pragma once
 
+#include <span>
+
 #include "camera/motion_model.h"
 #include "map/map.h"
 #include "tracking/frame_input.h"

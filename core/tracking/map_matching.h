@@ -2,6 +2,8 @@
 // [phone 4].
 #pragma once
 
+#include <span>
+
 #include "camera/motion_model.h"
 #include "map/map.h"
 #include "map/patch_search.h"

@@ -2,6 +2,8 @@
 // that are found reliably come first. The choice depends on the view alone: a changing choice makes the pose jitter.
 #pragma once
 
+#include <span>
+
 #include <pocket_ptam/work_meter.h>
 #include "map/map.h"
 

@@ -14,7 +14,8 @@ constexpr float kSteadySpeed = 0.2f;  // apparent rotation that a hand at rest d
 bool StartTrigger::wants_start(const FrameInput& frame, const MotionModel& motion, Hint* hint) {
   if (tapped_) return true;
   if (!config_.auto_start) return false;
-  const bool steady = motion.rotation_seen() && motion.prior().mean.tail<3>().norm() < kSteadySpeed;
+  const bool steady =
+      frame.dt_s() <= kMaxGap_s && motion.rotation_seen() && motion.prior().mean.tail<3>().norm() < kSteadySpeed;
   steady_s_ = steady ? steady_s_ + frame.dt_s() : 0;
   if (steady_s_ >= kSteadyTime_s) return true;
   if (frame.has_previous() && !motion.rotation_seen()) {

@@ -14,8 +14,6 @@ constexpr int kBadFramesUntilLost = 3;
 // wrong poses, which corrupt the map. Not swept.
 constexpr int kFramesToConfirm = 2;
 
-// Gap between two frames, s, after which the motion model's velocity is not used. Not swept.
-constexpr float kMaxGap_s = 1.0f;
 // Interval, s, given to the motion model for a relocalised pose: the time since the last pose means nothing, and a long
 // interval makes the motion between the two slow. Not swept.
 constexpr float kRelocalisedInterval_s = 1.0f;
@@ -188,9 +186,10 @@ void Tracker::accept(const MapMatch& match, bool blurred, TrackResult* result) {
   }
   // The map takes nothing from blurred frames, nor from frames of less than good quality.
   if (match.quality != TrackingQuality::kGood || blurred) return;
-  matching_.count_searches();
+  const bool fixed = map_.ready() && map_.locked();
+  if (!fixed) matching_.count_searches();
   mark_stage(Stage::kPose, result);
-  if (!map_.ready() || map_.locked()) return;
+  if (!map_.ready() || fixed) return;
   depth_filter_.update(frame_.pyramid(), motion_, &observed_, result);
   mark_stage(Stage::kPartial, result);
   if (!keyframe_policy_.wants(frame_.timestamp_ns(), motion_, match.visible)) return;

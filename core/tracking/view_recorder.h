@@ -3,6 +3,8 @@
 // the frames before and after it are kept, which give the camera's velocity [phone 6].
 #pragma once
 
+#include <span>
+
 #include "map/map.h"
 #include "tracking/frame_input.h"
 #include "tracking/homography_tracker.h"

@@ -11,8 +11,8 @@
 #include <string>
 #include <vector>
 
+#include "mapping/keyframe_votes.h"
 #include "mapping/mapper.h"
-#include "mapping/usefulness_culling.h"
 #include "tests/budget/count_table.h"
 #include "tests/budget/painted_run.h"
 #include "tests/budget/parts.h"
@@ -103,7 +103,7 @@ class Culling : public Background {
     co_await culling_.choose();
     done_ = true;
   }
-  UsefulnessCulling culling_;
+  KeyframeVotes culling_;
   Task<> task_;
   bool done_ = false;
 };

@@ -396,6 +396,28 @@ TEST(MapFile, AnotherConfigIsNamedFieldByField) {
   EXPECT_TRUE(Phone(config)->load_map(file).ok());
 }
 
+// Too few points for an adjustment: there is nothing to do then, rather than for ever the same.
+TEST(MapFile, HardlyAnyPointsAreNoEndlessWork) {
+  for (const int left : {0, 3}) {
+    SmallMap few(5);
+    int count = few.map.point_count();
+    for (int i = 0; i < few.map.points().size() && count > left; ++i) {
+      if (few.map.points()[i].id == 0) continue;
+      few.map.remove_point(i);
+      --count;
+    }
+    Phone phone(few.config);
+    const Status status = phone->load_map(few.file());
+    ASSERT_TRUE(status.ok()) << status.message();
+    int slices = 0;
+    while (phone->has_work() && slices < 1000) {
+      phone->work_slice();
+      ++slices;
+    }
+    EXPECT_LT(slices, 1000) << left << " points";
+  }
+}
+
 TEST(MapFile, NothingIsSavedWithoutAMapOrWithoutRoom) {
   Phone phone(small_map_config());
   size_t used = 77;

@@ -159,7 +159,7 @@ TEST(Api, AbsurdConfigurationsAreRefused) {
       [](Config& c) { c.search_level = c.coarse_search_level + 1; },  // the finer one
       [](Config& c) { c.coarse_search_level = -1; },
       [](Config& c) { c.coarse_search_level = kPyramidLevels; },
-      [](Config& c) { c.max_partial_points = 0; },
+      [](Config& c) { c.max_partial_points = -1; },
       [](Config& c) { c.max_partial_points = std::numeric_limits<int>::max(); },
       [](Config& c) { c.max_measured_points = 0; },
       [](Config& c) { c.max_measured_points = 100000; },

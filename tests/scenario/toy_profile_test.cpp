@@ -19,7 +19,7 @@
 #include "geometry/two_view.h"
 #include "image/corner_source.h"
 #include "map/patch_search.h"
-#include "mapping/culling.h"
+#include "mapping/keyframe_culling.h"
 #include "mapping/point_source.h"
 #include "sim_phone/scene.h"
 #include "tests/support/alignment.h"
@@ -477,7 +477,7 @@ TEST(ToyProfile, EveryPartMustBeNamed) {
   incomplete = config;
   incomplete.culling = nullptr;
   expect_refused(incomplete, "culling");
-  expect_refused(Config(), "culling");
+  expect_refused(Config(), "corner_source");
 }
 
 TEST(ToyProfile, PartsAreMeasuredBeforeTheyAreBuilt) {

@@ -10,7 +10,8 @@
 #include <vector>
 
 #include "map/patch_search.h"
-#include "mapping/usefulness_culling.h"
+#include "mapping/keyframe_votes.h"
+#include "mapping/measurement_culling.h"
 #include "tests/support/map_building.h"
 #include "tests/support/phone_camera.h"
 #include "tests/support/random.h"
@@ -38,7 +39,7 @@ class Job : public Background {
     task_ = work(*this);
     task_.start();
   }
-  UsefulnessCulling* culling = nullptr;
+  KeyframeVotes* culling = nullptr;
   KeyframeEraser* eraser = nullptr;
   int to_erase = -1;
   bool done = false;
@@ -74,7 +75,7 @@ class CullingTest : public ::testing::Test {
   void build(Arena& arena) {
     map_ = Map(arena, config_);
     job_ = std::make_unique<Job>(arena, meter_);
-    culling_ = std::make_unique<UsefulnessCulling>(arena, config_, map_, meter_, *job_);
+    culling_ = std::make_unique<KeyframeVotes>(arena, config_, map_, meter_, *job_);
     eraser_ = std::make_unique<KeyframeEraser>(arena, config_, map_, *job_);
     job_->culling = culling_.get();
     job_->eraser = eraser_.get();
@@ -134,7 +135,7 @@ class CullingTest : public ::testing::Test {
   Arena arena_;
   Map map_;
   std::unique_ptr<Job> job_;
-  std::unique_ptr<UsefulnessCulling> culling_;
+  std::unique_ptr<KeyframeVotes> culling_;
   std::unique_ptr<KeyframeEraser> eraser_;
 };
 

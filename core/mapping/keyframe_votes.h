@@ -1,7 +1,7 @@
 // The phone's keyframe culling: the keyframe that the map can spare best, by votes [phone 3.3].
 //
 // Every point spreads one vote over the keyframes that measure it. If these are two, each gets a half. If
-// they are more, rank r under the usefulness m_j (culling.h) gets max(0, o - (r - 1)) / (1 + ... + o), o =
+// they are more, rank r under the usefulness m_j (measurement_culling.h) gets max(0, o - (r - 1)) / (1 + ... + o), o =
 // min(observers, 4). The keyframe with the lowest sum is erased, if the sum is under kMaxVotesToErase. Beyond the
 // paper, whose version can split the map: a keyframe that holds the keyframe graph together is never erased. Nor is the
 // datum, nor the two newest keyframes, whose corners have not been found a second time yet.
@@ -10,11 +10,11 @@
 // 300 points, 8 measurements each), about 3 million for the largest that Config::phone allows; memory from the arena.
 #pragma once
 
-#include "mapping/culling.h"
+#include "mapping/keyframe_culling.h"
 
 namespace pptam {
 
-// A keyframe with fewer votes may be erased: as many votes as a new keyframe can bring points (max_new_partial_points),
+// A keyframe with fewer votes may be erased: as many votes as a new keyframe of the phone can bring points (25),
 // so that the exchange loses nothing. Measured on "walls" (240x320, 20 s, 12 keyframes, three seeds), frames tracked:
 // 72 to 80 % under a threshold of 5 or 8, where the map is soon full; 80 to 95 % under 12, 90 to 100 % under 20; all
 // under 25, and all without a threshold. On "desk" and "boxes" all frames are tracked at every threshold, and errors
@@ -27,9 +27,9 @@ constexpr int kMinCommonPoints = 12;
 float keyframe_vote(int observers, int rank);
 
 // Keyframe culling by votes [phone 3.3].
-class UsefulnessCulling final : public KeyframeCulling {
+class KeyframeVotes final : public KeyframeCulling {
  public:
-  UsefulnessCulling(Arena& arena, const Config& config, Map& map, WorkMeter& meter, Background& background);
+  KeyframeVotes(Arena& arena, const Config& config, Map& map, WorkMeter& meter, Background& background);
 
   Task<int> choose() override;
   // Votes of a live keyframe at the last choose(); for tests and figures.

@@ -1,6 +1,8 @@
-#include "mapping/usefulness_culling.h"
+#include "mapping/keyframe_votes.h"
 
 #include <algorithm>
+
+#include "mapping/measurement_culling.h"
 
 namespace pptam {
 
@@ -26,8 +28,7 @@ float keyframe_vote(int observers, int rank) {
   return static_cast<float>(std::max(0, o - (rank - 1))) / static_cast<float>(all);
 }
 
-UsefulnessCulling::UsefulnessCulling(Arena& arena, const Config& config, Map& map, WorkMeter& meter,
-                                     Background& background)
+KeyframeVotes::KeyframeVotes(Arena& arena, const Config& config, Map& map, WorkMeter& meter, Background& background)
     : config_(config),
       map_(map),
       meter_(meter),
@@ -40,7 +41,7 @@ UsefulnessCulling::UsefulnessCulling(Arena& arena, const Config& config, Map& ma
       reached_(arena, config.max_keyframes + 1),
       frontier_(arena, config.max_keyframes + 1) {}
 
-Task<int> UsefulnessCulling::choose() {
+Task<int> KeyframeVotes::choose() {
   co_await count_votes();
   // Number of common points that makes an edge of the keyframe graph: the largest one, up to kMinCommonPoints, at which
   // the graph has as few parts as with edges of one common point. Erasing a keyframe must not add a part.
@@ -68,7 +69,7 @@ Task<int> UsefulnessCulling::choose() {
   }
 }
 
-Task<> UsefulnessCulling::count_votes() {
+Task<> KeyframeVotes::count_votes() {
   live_.clear();
   place_.resize(map_.keyframes().size());
   votes_.resize(map_.keyframes().size());
@@ -113,7 +114,7 @@ Task<> UsefulnessCulling::count_votes() {
 
 // Number of connected parts of the graph of live keyframes, in which an edge joins two that share at least
 // common_points points. `without`: place of a keyframe that is left out; -1: none is.
-Task<int> UsefulnessCulling::count_components(int without, int common_points) {
+Task<int> KeyframeVotes::count_components(int without, int common_points) {
   int components = 0;
   std::fill(reached_.begin(), reached_.end(), uint8_t{0});
   for (int start = 0; start < live_.size(); ++start) {
@@ -135,9 +136,9 @@ Task<int> UsefulnessCulling::count_components(int without, int common_points) {
   co_return components;
 }
 
-KeyframeCulling* create_usefulness_culling(Arena& arena, const Config& config, Map& map, WorkMeter& meter,
-                                           Background& background) {
-  return arena.create<UsefulnessCulling>(config, map, meter, background);
+KeyframeCulling* create_keyframe_votes(Arena& arena, const Config& config, Map& map, WorkMeter& meter,
+                                       Background& background) {
+  return arena.create<KeyframeVotes>(config, map, meter, background);
 }
 
 }  // namespace pptam
