@@ -2,6 +2,7 @@
 // the extremes. The comparison itself is kernel_checks.h, which the fuzz target drives too.
 #include <gtest/gtest.h>
 
+#include <string>
 #include <vector>
 
 #include "tests/kernels/kernel_checks.h"
@@ -22,13 +23,13 @@ std::vector<uint8_t> bytes(test::Random& random, int style) {
 }
 
 TEST(KernelVariants, GiveTheBitsOfThePlainOnes) {
+  if (std::string(test::variant_name()) == "plain") GTEST_SKIP() << "this target has no variants by hand";
   test::Random random;
   for (int trial = 0; trial < test::trials(30000); ++trial) {
     const std::vector<uint8_t> input = bytes(random, trial % 3);
     const char* different = test::first_different_kernel(input);
     ASSERT_EQ(different, nullptr) << different << ", trial " << trial;
   }
-  if (std::string(test::variant_name()) == "plain") GTEST_LOG_(INFO) << "this target has no variants by hand";
 }
 
 // The comparison can fail: a wrong bit in any output is seen.
