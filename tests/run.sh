@@ -50,6 +50,10 @@ if [[ -n "$one_preset" ]]; then
 elif ((${#options[@]} > 0)); then
   presets=(test)
 fi
+if ((${#presets[@]} > 1)); then  # rendered by test, once for all processors: see tests/budget/kept_recording.h
+  export PPTAM_RECORDINGS=$PWD/build/recordings
+  rm -rf "$PPTAM_RECORDINGS"
+fi
 if [[ "$one_preset" == style ]] && ((${#options[@]} > 0)); then
   echo "error: --preset style takes no further options" >&2
   exit 2

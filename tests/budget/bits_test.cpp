@@ -1,10 +1,11 @@
 // The emulated phone looks at a desk, a map is started, and frames are tracked: one hash of all results, the same on
 // every processor and by every compiler.
 #include <gtest/gtest.h>
+#include <unistd.h>
 
+#include "tests/budget/kept_recording.h"
 #include "tests/budget/parts.h"
 #include "tests/kernels/test_images.h"
-#include "tests/support/recording.h"
 
 namespace pptam {
 namespace {
@@ -14,11 +15,7 @@ using test::Recording;
 using test::Trace;
 
 const Recording& recording() {
-  static const Recording made = [] {
-    sim::PhoneOptions options;
-    options.duration_s = 6;
-    return test::record(options);
-  }();
+  static const Recording made = test::kept_recording("desk", test::desk_options());
   return made;
 }
 
@@ -51,6 +48,26 @@ Hashes run_and_hash(int changed_frame) {
   hashes.frames = frames.value();
   hashes.results = results.value();
   return hashes;
+}
+
+// Kept and read again a sequence is what was rendered; a file that breaks off is none. On this computer it is also the
+// one that the emulated processors will read.
+TEST(Bits, OfAKeptSequenceAreThoseRendered) {
+#ifdef __arm__
+  GTEST_SKIP() << "minutes in emulation";
+#endif
+  const std::filesystem::path folder =
+      std::filesystem::temp_directory_path() / ("pptam-recording-" + std::to_string(::getpid()));
+  const Recording rendered = test::record(test::clutter_options());
+  test::write_recording(folder / "a.frames", rendered);
+  const Recording read = test::read_recording(folder / "a.frames", rendered.info);
+  EXPECT_EQ(read.images, rendered.images);
+  EXPECT_EQ(read.timestamps_ns, rendered.timestamps_ns);
+  std::filesystem::resize_file(folder / "a.frames", std::filesystem::file_size(folder / "a.frames") - 1);
+  EXPECT_EQ(test::read_recording(folder / "a.frames", rendered.info).size(), 0);
+  std::filesystem::remove_all(folder);
+  if (const char* kept = std::getenv("PPTAM_RECORDINGS"))
+    test::write_recording(std::filesystem::path(kept) / "clutter.frames", rendered);
 }
 
 TEST(Bits, AreTheSameOnEveryTarget) {

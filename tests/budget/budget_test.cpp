@@ -18,9 +18,9 @@
 #include "map/patch_search.h"
 #include "tests/budget/count_table.h"
 #include "tests/budget/instruction_counter.h"
+#include "tests/budget/kept_recording.h"
 #include "tests/budget/parts.h"
 #include "tests/kernels/test_images.h"
-#include "tests/support/recording.h"
 
 namespace pptam {
 namespace {
@@ -35,11 +35,7 @@ using test::Table;
 using test::worst;
 
 const Recording& recording() {
-  static const Recording made = [] {
-    sim::PhoneOptions options;
-    options.duration_s = 6;
-    return test::record(options);
-  }();
+  static const Recording made = test::kept_recording("desk", test::desk_options());
   return made;
 }
 
@@ -58,11 +54,7 @@ class CountedClock final : public Clock {
 // The frames from the tap to the first pose in a scene without a dominant plane, where the search for the motion costs
 // most.
 std::vector<Counts> start_in_clutter() {
-  sim::PhoneOptions options;
-  options.scene = "clutter";
-  options.motion = "start";
-  options.duration_s = 4.5;
-  const Recording start = test::record(options);
+  const Recording start = test::kept_recording("clutter", test::clutter_options());
   Parts parts(test::config_for(start));
   std::vector<Counts> frames;
   for (int i = 0; i < start.size(); ++i) {
