@@ -13,8 +13,8 @@ namespace pptam {
 constexpr int kBlock = 6;                       // rows and columns of a block: a pose or a velocity
 constexpr int kBlockNumbers = kBlock * kBlock;  // element (r, c) of a block at c * kBlock + r
 
-// C -= A B^T with panels A and B of `depth` columns, a multiple of 3. Three columns of C are summed at a time: these 18
-// sums fit into the 32 registers of a VFP, and nine loads serve 18 multiply-subtracts.
+// C -= A B^T with panels A and B, not null, of `depth` columns, 0 or a multiple of 3. Three columns of C are summed at
+// a time: these 18 sums fit into the 32 registers of a VFP, and nine loads serve 18 multiply-subtracts.
 template <class Scalar>
 inline void subtract_product_plain(Scalar* c, const Scalar* a, const Scalar* b, int depth) {
   constexpr int kColumns = 3;

@@ -21,7 +21,7 @@ TEST(BlockProduct, IsTheSumInOrderInEveryVariant) {
   test::Random random;
   for (int trial = 0; trial < 100; ++trial) {
     const int depth = 3 * random.integer(0, 20);
-    std::vector<float> a(static_cast<size_t>(depth * kBlock)), b(a.size()), c(kBlockNumbers);
+    std::vector<float> a(static_cast<size_t>((depth + 1) * kBlock)), b(a.size()), c(kBlockNumbers);  // never null
     for (std::vector<float>* numbers : {&a, &b, &c})
       for (float& x : *numbers) x = static_cast<float>(random.uniform(-1, 1));
     std::vector<float> expected = c, plain = c;
