@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Installs what the tests need, builds them and runs them: everything on this computer, then the core with another
-# compiler, with sanitizers, and on emulated ARM processors, where its instructions are counted. The last line is the
-# number of tests passed, failed and skipped; the exit code is 0 when none failed.
+# Installs what the tests need, builds them and runs them: the sources' style, everything on this computer, then the core
+# by another compiler with sanitizers, and on emulated ARM processors, where its instructions are counted. The last line
+# is the number of tests passed, failed and skipped; the exit code is 0 when none failed.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
