@@ -31,6 +31,9 @@ class Camera {
 
   // Camera-to-world poses with the frames' time base, empty when unknown.
   virtual Trajectory ground_truth() const { return {}; }
+
+  // One-line warnings about the frames delivered so far, such as times that ran backwards; asked for at a run's end.
+  virtual std::vector<std::string> remarks() const { return {}; }
 };
 
 }  // namespace pptam::platform

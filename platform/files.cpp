@@ -1,6 +1,7 @@
 #include "platform/files.h"
 
 #include <fcntl.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -139,14 +140,32 @@ std::vector<std::byte> read_file(const std::filesystem::path& file, size_t most)
   std::error_code error;
   if (!std::filesystem::exists(file, error)) throw InputError(file.string() + ": there is no such file");
   if (!std::filesystem::is_regular_file(file, error)) throw InputError(file.string() + ": is not a file");
-  std::ifstream stream(file, std::ios::binary);
-  if (!stream) throw InputError(file.string() + ": cannot be read");
-  const auto size = std::filesystem::file_size(file, error);
-  if (error) throw InputError(file.string() + ": cannot be read: " + error.message());
-  if (size > most) throw InputError(file.string() + ": is too large");
-  std::vector<std::byte> content(size);
-  stream.read(reinterpret_cast<char*>(content.data()), static_cast<std::streamsize>(size));
-  content.resize(static_cast<size_t>(stream.gcount()));  // it may have shrunk meanwhile
+  // Not blocking: another kind of file may have taken its place meanwhile, and opening a FIFO would wait.
+  const int fd = ::open(file.c_str(), O_RDONLY | O_NONBLOCK | O_NOCTTY | O_CLOEXEC);
+  if (fd < 0) throw InputError(file.string() + ": cannot be read: " + std::strerror(errno));
+  std::vector<std::byte> content;
+  std::string trouble;
+  struct stat status = {};
+  if (::fstat(fd, &status) != 0) {
+    trouble = std::string("cannot be read: ") + std::strerror(errno);
+  } else if (!S_ISREG(status.st_mode)) {
+    trouble = "is not a file";
+  } else if (static_cast<uint64_t>(status.st_size) > most) {
+    trouble = "is larger than " + std::to_string(most >> 20) + " MB, too large";
+  } else {
+    content.resize(static_cast<size_t>(status.st_size));
+    size_t done = 0;
+    while (done < content.size()) {
+      const ssize_t got = ::read(fd, content.data() + done, content.size() - done);
+      if (got < 0 && errno == EINTR) continue;
+      if (got < 0) trouble = std::string("cannot be read: ") + std::strerror(errno);
+      if (got <= 0) break;
+      done += static_cast<size_t>(got);
+    }
+    content.resize(done);  // it may have shrunk meanwhile
+  }
+  ::close(fd);
+  if (!trouble.empty()) throw InputError(file.string() + ": " + trouble);
   return content;
 }
 

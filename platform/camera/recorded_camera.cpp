@@ -1,19 +1,18 @@
 #include "platform/camera/recorded_camera.h"
 
 #include <algorithm>
-#include <array>
 #include <charconv>
 #include <cmath>
-#include <fstream>
 #include <functional>
 #include <string>
-#include <string_view>
 #include <utility>
 
 #include <pocket_ptam/clock.h>
 #include "platform/camera/calibration.h"
 #include "platform/camera/frame_transform.h"
+#include "platform/camera/ground_truth.h"
 #include "platform/camera/image_files.h"
+#include "platform/camera/image_list.h"
 #include "platform/camera/video_file.h"
 
 namespace pptam::platform {
@@ -39,236 +38,6 @@ std::string size_text(int width, int height) {
 
 int64_t timestamp_of(size_t index, double fps) {
   return std::llround(static_cast<double>(index) * kNsPerS / fps);
-}
-
-// ---- Lists of images --------------------------------------------------------------------------------------------
-
-struct ImageEntry {
-  fs::path file;
-  int64_t timestamp_ns = 0;
-};
-
-struct ImageList {
-  std::vector<ImageEntry> images;
-  bool has_timestamps = false;
-  Trajectory ground_truth;
-  fs::path calibration;  // that came with the images
-};
-
-std::string_view trimmed(std::string_view text) {
-  const size_t begin = std::min(text.find_first_not_of(" \t\r"), text.size());
-  const size_t end = text.find_last_not_of(" \t\r");
-  return end == std::string_view::npos ? std::string_view() : text.substr(begin, end + 1 - begin);
-}
-
-bool parse_timestamp_ns(std::string_view text, int64_t* timestamp_ns) {
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), *timestamp_ns);
-  return error == std::errc() && end == text.data() + text.size();
-}
-
-// Calls f(line, fail) for each line that is neither blank nor a comment; fail(what) throws with file and line number.
-using Fail = std::function<void(const std::string& what)>;
-void for_each_line(const fs::path& file, const std::function<void(std::string_view line, const Fail& fail)>& f) {
-  std::ifstream stream(file);
-  if (!is_file(file) || !stream) throw InputError("cannot read " + file.string() + ": there is no such readable file");
-  std::string line;
-  for (int number = 1; std::getline(stream, line); ++number) {
-    const std::string_view content = trimmed(line);
-    if (content.empty() || content[0] == '#') continue;
-    f(content,
-      [&](const std::string& what) { throw InputError(file.string() + ":" + std::to_string(number) + ": " + what); });
-  }
-}
-
-// "timestamp name" (TUM, seconds) or "timestamp,name" (EuRoC, nanoseconds), names relative to folder.
-std::vector<ImageEntry> read_list(const fs::path& list, const fs::path& folder, char separator) {
-  std::vector<ImageEntry> images;
-  for_each_line(list, [&](std::string_view line, const Fail& fail) {
-    const bool euroc = separator == ',';
-    const size_t cut = std::min(euroc ? line.find(',') : line.find_first_of(" \t"), line.size());
-    ImageEntry entry;
-    const std::string_view stamp = trimmed(line.substr(0, cut));
-    const bool good =
-        euroc ? parse_timestamp_ns(stamp, &entry.timestamp_ns) : parse_timestamp_s(stamp, &entry.timestamp_ns);
-    const std::string_view name = cut < line.size() ? trimmed(line.substr(cut + 1)) : std::string_view();
-    if (!good || name.empty()) {
-      fail(euroc ? "expected \"timestamp [ns],file name\"" : "expected \"timestamp [s] file name\"");
-    }
-    if (!images.empty() && entry.timestamp_ns <= images.back().timestamp_ns) {
-      fail("the timestamp is not later than the one before");
-    }
-    entry.file = folder / name;
-    images.push_back(std::move(entry));
-  });
-  if (images.empty()) throw InputError(list.string() + " lists no images");
-  return images;
-}
-
-ImageList open_tum(const fs::path& list) {
-  ImageList result;
-  const fs::path folder = list.parent_path();
-  result.images = read_list(list, folder, ' ');
-  result.has_timestamps = true;
-  if (fs::exists(folder / "groundtruth.txt")) result.ground_truth = read_tum_trajectory(folder / "groundtruth.txt");
-  return result;
-}
-
-// state_groundtruth_estimate0/data.csv: "timestamp, p_x, p_y, p_z, q_w, q_x, q_y, q_z, ..." of the body in the world.
-Trajectory read_euroc_poses(const fs::path& file, const Eigen::Isometry3d& T_bc) {
-  Trajectory trajectory;
-  for_each_line(file, [&](std::string_view line, const Fail& fail) {
-    std::array<std::string_view, 8> words;
-    for (std::string_view& word : words) {
-      const size_t cut = std::min(line.find(','), line.size());
-      word = trimmed(line.substr(0, cut));
-      line = cut < line.size() ? line.substr(cut + 1) : std::string_view();
-    }
-    StampedPose pose;
-    if (!parse_timestamp_ns(words[0], &pose.timestamp_ns)) fail("the timestamp is not a number of nanoseconds");
-    std::array<double, 7> v{};
-    for (size_t i = 0; i < v.size(); ++i) {
-      const std::string_view word = words[i + 1];
-      const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), v[i]);
-      if (error != std::errc() || end != word.data() + word.size() || !std::isfinite(v[i])) {
-        fail("expected a timestamp and 7 finite numbers, p_x p_y p_z q_w q_x q_y q_z");
-      }
-    }
-    Eigen::Quaterniond q(v[3], v[4], v[5], v[6]);
-    if (!(std::abs(q.norm() - 1) < 0.1)) fail("the quaternion is not of unit length");
-    if (!trajectory.empty() && pose.timestamp_ns <= trajectory.back().timestamp_ns) {
-      fail("the timestamp is not later than the one before");
-    }
-    q.normalize();
-    Eigen::Isometry3d T_wb = Eigen::Isometry3d::Identity();
-    T_wb.linear() = q.toRotationMatrix();
-    T_wb.translation() = Eigen::Vector3d(v[0], v[1], v[2]);
-    pose.T_wc = T_wb * T_bc;
-    trajectory.push_back(pose);
-  });
-  return trajectory;
-}
-
-ImageList open_euroc(const fs::path& camera) {
-  ImageList result;
-  result.images = read_list(camera / "data.csv", camera / "data", ',');
-  result.has_timestamps = true;
-  const fs::path sensor = camera / "sensor.yaml";
-  if (fs::exists(sensor)) result.calibration = sensor;
-  const fs::path poses = fs::absolute(camera).lexically_normal().parent_path() / "state_groundtruth_estimate0/data.csv";
-  if (fs::exists(poses)) result.ground_truth = read_euroc_poses(poses, read_camera_to_body(sensor));
-  return result;
-}
-
-bool has_image_extension(const fs::path& file) {
-  std::string extension = file.extension().string();
-  for (char& c : extension) {
-    if (c >= 'A' && c <= 'Z') c = static_cast<char>(c - 'A' + 'a');
-  }
-  constexpr std::array kExtensions = {".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".pnm", ".pbm", ".bmp", ".tif", ".tiff"};
-  return std::find(kExtensions.begin(), kExtensions.end(), extension) != kExtensions.end();
-}
-
-bool is_digit(char c) {
-  return c >= '0' && c <= '9';
-}
-
-// img2 before img10: runs of digits compare as numbers, everything else by bytes; ties ("1", "01") by all bytes.
-bool natural_less(const std::string& a, const std::string& b) {
-  size_t i = 0;
-  size_t j = 0;
-  while (i < a.size() && j < b.size()) {
-    if (is_digit(a[i]) && is_digit(b[j])) {
-      while (i < a.size() && a[i] == '0') ++i;
-      while (j < b.size() && b[j] == '0') ++j;
-      size_t i_end = i;
-      size_t j_end = j;
-      while (i_end < a.size() && is_digit(a[i_end])) ++i_end;
-      while (j_end < b.size() && is_digit(b[j_end])) ++j_end;
-      if (i_end - i != j_end - j) return i_end - i < j_end - j;
-      const int order = a.compare(i, i_end - i, b, j, j_end - j);
-      if (order != 0) return order < 0;
-      i = i_end;
-      j = j_end;
-    } else {
-      if (a[i] != b[j]) return static_cast<unsigned char>(a[i]) < static_cast<unsigned char>(b[j]);
-      ++i;
-      ++j;
-    }
-  }
-  const size_t rest_a = a.size() - i;
-  const size_t rest_b = b.size() - j;
-  return rest_a != rest_b ? rest_a < rest_b : a < b;
-}
-
-std::vector<std::string> file_names(const fs::path& folder) {
-  std::vector<std::string> names;
-  std::error_code error;
-  fs::directory_iterator entry(folder, error);
-  for (; !error && entry != fs::directory_iterator(); entry.increment(error)) {
-    names.push_back(entry->path().filename().string());
-  }
-  if (error) throw InputError("cannot read folder " + folder.string() + ": " + error.message());
-  return names;
-}
-
-ImageList open_image_folder(const fs::path& folder) {
-  std::vector<std::string> names = file_names(folder);
-  std::erase_if(names, [](const std::string& name) { return name[0] == '.' || !has_image_extension(name); });
-  if (names.empty()) {
-    throw InputError("folder " + folder.string() +
-                     " holds no images (png, jpg, pgm, ppm, bmp, tiff), no rgb.txt (TUM) and no mav0 (EuRoC)");
-  }
-  std::sort(names.begin(), names.end(), natural_less);
-  ImageList result;
-  for (const std::string& name : names) result.images.push_back({folder / name});
-  return result;
-}
-
-// The numbers that stand for %d or %0Nd in the names of the pattern's folder, from the first to the last without a gap.
-ImageList open_pattern(const fs::path& pattern) {
-  const auto refuse = [&] {
-    throw InputError("image pattern " + pattern.string() +
-                     ": the file name needs exactly one %d or %0Nd (N from 1 to 9), such as image%04d.png");
-  };
-  const std::string name = pattern.filename().string();
-  const fs::path folder = pattern.has_parent_path() ? pattern.parent_path() : fs::path(".");
-  const size_t percent = name.find('%');
-  if (percent == std::string::npos || folder.string().find('%') != std::string::npos) refuse();
-  size_t end = percent + 1;
-  size_t digits = 1;
-  if (name.compare(end, 1, "0") == 0 && end + 1 < name.size() && name[end + 1] >= '1' && name[end + 1] <= '9') {
-    digits = static_cast<size_t>(name[end + 1] - '0');
-    end += 2;
-  }
-  if (name.compare(end, 1, "d") != 0 || name.find('%', end) != std::string::npos) refuse();
-  const std::string head = name.substr(0, percent);
-  const std::string tail = name.substr(end + 1);
-  const auto numbered = [&](int number) {
-    std::string text = std::to_string(number);
-    if (text.size() < digits) text.insert(0, digits - text.size(), '0');
-    return head + text + tail;
-  };
-
-  std::vector<int> numbers;
-  for (const std::string& found : file_names(folder)) {
-    if (found.size() <= head.size() + tail.size() || !found.starts_with(head) || !found.ends_with(tail)) continue;
-    int number = -1;
-    const char* begin = found.data() + head.size();
-    std::from_chars(begin, found.data() + found.size() - tail.size(), number);
-    if (number >= 0 && numbered(number) == found) numbers.push_back(number);
-  }
-  if (numbers.empty()) throw InputError("no image matches the pattern " + pattern.string());
-  std::sort(numbers.begin(), numbers.end());
-  ImageList result;
-  for (size_t i = 0; i < numbers.size(); ++i) {
-    const int expected = numbers.front() + static_cast<int>(i);
-    if (numbers[i] != expected) {
-      throw InputError("image " + (folder / numbered(expected)).string() +
-                       " is missing, though later ones are there: give the folder instead, to take them all");
-    }
-    result.images.push_back({folder / numbered(expected)});
-  }
-  return result;
 }
 
 // ---- Sources: images one after the other, before rotation and resizing -------------------------------------------
@@ -373,21 +142,6 @@ void check(const RecordingOptions& options) {
   }
 }
 
-ImageList list_images(const fs::path& source) {
-  if (is_folder(source)) {
-    if (fs::exists(source / "rgb.txt")) return open_tum(source / "rgb.txt");
-    for (const fs::path& camera : {source / "mav0/cam0", source / "cam0", source}) {
-      if (fs::exists(camera / "data.csv")) return open_euroc(camera);
-    }
-    return open_image_folder(source);
-  }
-  if (!fs::exists(source)) return open_pattern(source);
-  if (source.extension() == ".txt") return open_tum(source);
-  ImageList single;
-  single.images.push_back({source});
-  return single;
-}
-
 // The last part of the path that tells one recording from another.
 std::string name_of(const fs::path& source) {
   fs::path path = fs::absolute(source).lexically_normal();
@@ -457,7 +211,7 @@ std::unique_ptr<Camera> open(const RecordingOptions& options, const std::functio
     info.frame_count = static_cast<int>(kept.size());
     info.frames_per_s = list.has_timestamps ? median_fps(kept) : fps / options.every;
     source = std::make_unique<ImageSource>(std::move(kept));
-    ground_truth = std::move(list.ground_truth);
+    ground_truth = read_ground_truth(list.ground_truth);
     if (calibration_path.empty()) calibration_path = list.calibration;
   }
 
