@@ -7,6 +7,7 @@
 #include <cstring>
 
 #include "base/assert.h"
+#include "image/shrink.h"
 #include "map/map_access.h"
 
 namespace pptam {
@@ -28,7 +29,12 @@ constexpr uint32_t kErasedFlag = 1;  // bit of a keyframe's flags
 // Error of the products of a rotation's rows, and of a normal's squared length: a thousand times float32's rounding, a
 // hundred times what a map ever shows.
 constexpr float kUnitTolerance = 1e-4f;
-constexpr float kMaxLineTime_s = 1;  // the exact bound is Config::validate()'s, on the whole readout
+// Between the camera of a map and the same one at another image size. Calibrations are printed with four digits or
+// more; half a pixel lies between those who scale the principal point with the pixels' edges and those who do not.
+constexpr float kMaxFocalDifference = 2e-4f;  // relative
+constexpr float kMaxCentreDifference_px = 0.5f;
+constexpr float kMaxReadoutDifference = 1e-3f;  // relative
+constexpr float kMaxLineTime_s = 1;             // the exact bound is Config::validate()'s, on the whole readout
 constexpr uint32_t kCrcPolynomial = 0xEDB88320u;
 
 Status refused(const char* message) {
@@ -257,17 +263,60 @@ bool same(const CameraModel& a, const CameraModel& b) {
   return equal && a.distortion == b.distortion;
 }
 
-Status check_fit(const Header& header, const Config& config) {
-  const CameraModel &made = header.camera.model, &given = config.camera.model;
-  if (made.width != given.width || made.height != given.height)
-    return mismatch("the map was made with images of another size than Config::camera's");
-  if (!same(made, given))
+bool close(float a, float b, float relative) {
+  return std::abs(a - b) <= relative * std::abs(b);  // false for NaN
+}
+
+// From pixels of the map's images to those of the camera that loads it.
+struct ImageScale {
+  float x = 1, y = 1;  // at most 1
+  int levels = 0;      // a measurement's pyramid level is so much lower
+  bool is_one() const { return x == 1 && y == 1; }
+  Vector2f operator()(const Vector2f& px) const { return {(px.x() + 0.5f) * x - 0.5f, (px.y() + 0.5f) * y - 0.5f}; }
+};
+
+ImageScale image_scale(const CameraModel& made, const CameraModel& given) {
+  ImageScale scale;
+  scale.x = static_cast<float>(given.width) / static_cast<float>(made.width);
+  scale.y = static_cast<float>(given.height) / static_cast<float>(made.height);
+  float larger = std::max(scale.x, scale.y);
+  for (; larger < 0.7071f; larger *= 2) ++scale.levels;  // to the nearest level
+  return scale;
+}
+
+// Is `given` the camera `made` with its images made smaller, and nothing else?
+bool differs_in_size_only(const CameraModel& made, const CameraModel& given) {
+  const ImageScale scale = image_scale(made, given);
+  bool equal = made.distortion == given.distortion && close(made.fx * scale.x, given.fx, kMaxFocalDifference) &&
+               close(made.fy * scale.y, given.fy, kMaxFocalDifference);
+  for (size_t i = 0; i < std::size(made.coeffs); ++i) equal = equal && same(made.coeffs[i], given.coeffs[i]);
+  const Vector2f centre = scale({made.cx, made.cy});
+  return equal && std::abs(centre.x() - given.cx) <= kMaxCentreDifference_px &&
+         std::abs(centre.y() - given.cy) <= kMaxCentreDifference_px;
+}
+
+Status check_camera(const Camera& made_by, const Camera& given_by) {
+  const CameraModel &made = made_by.model, &given = given_by.model;
+  if (made.width < given.width || made.height < given.height)
+    return mismatch(
+        "the map was made with smaller images than Config::camera's: make the camera's images as small as the map's");
+  const bool same_size = made.width == given.width && made.height == given.height;
+  if (!(same_size ? same(made, given) : differs_in_size_only(made, given)))
     return mismatch(
         "the map was made with another camera: focal length, principal point or distortion differ from "
-        "Config::camera");
-  const RollingShutter &made_by = header.camera.shutter, &given_by = config.camera.shutter;
-  if (!same(made_by.line_time_s, given_by.line_time_s) || made_by.axis != given_by.axis)
+        "Config::camera by more than the image's size");
+  const bool same_shutter =
+      same_size ? same(made_by.shutter.line_time_s, given_by.shutter.line_time_s)
+                : close(made_by.readout_s(), given_by.readout_s(), kMaxReadoutDifference) &&
+                      std::signbit(made_by.shutter.line_time_s) == std::signbit(given_by.shutter.line_time_s);
+  if (!same_shutter || made_by.shutter.axis != given_by.shutter.axis)
     return mismatch("the map was made with another rolling shutter than Config::camera's");
+  return {};
+}
+
+Status check_fit(const Header& header, const Config& config) {
+  const Status status = check_camera(header.camera, config.camera);
+  if (!status.ok()) return status;
   // One more live or erased keyframe than Config allows: a map may be saved while culling decides.
   const int erased = static_cast<int>(header.erased), live = static_cast<int>(header.keyframes.entries) - erased;
   if (live > config.max_keyframes + 1)
@@ -382,7 +431,10 @@ size_t write(const Map& map, const Config& config, uint64_t bytes, std::span<std
 class Body {
  public:
   Body(std::span<const std::byte> file, const Header& header, const Config& config)
-      : in_(file.subspan(kHeaderBytes, file.size() - kHeaderBytes - kCrcBytes)), header_(header), config_(config) {}
+      : in_(file.subspan(kHeaderBytes, file.size() - kHeaderBytes - kCrcBytes)),
+        header_(header),
+        config_(config),
+        scale_(image_scale(header.camera.model, config.camera.model)) {}
 
   Status read(Map* map_or_null) {
     map_ = map_or_null;
@@ -440,9 +492,17 @@ class Body {
     return is_rotation(T->R);
   }
 
+  // A pixel of the map's images, as one of the camera's.
   bool read_px(Vector2f* px) {
     in_.vector(px);
-    return config_.camera.in_image(*px, 0);  // false for NaN
+    if (!header_.camera.in_image(*px, 0)) return false;  // NaN too
+    if (!scale_.is_one()) {
+      const CameraModel& camera = config_.camera.model;
+      const Vector2f last(static_cast<float>(camera.width - 1), static_cast<float>(camera.height - 1));
+      *px =
+          scale_(*px).cwiseMax(Vector2f::Zero()).cwiseMin(last);  // an outermost pixel's centre moves half a pixel out
+    }
+    return true;
   }
 
   Status read_source(PatchSource* source) {
@@ -495,9 +555,7 @@ class Body {
     keyframe.velocity_prior = velocity_prior;
     keyframe.mean_depth = mean_depth;
     const GreyImage& image = keyframe.storage.level[0];
-    for (int y = 0; y < image.height; ++y)
-      std::memcpy(image.row(y), pixels.data() + static_cast<size_t>(y) * static_cast<size_t>(image.width),
-                  static_cast<size_t>(image.width));
+    shrink({reinterpret_cast<const uint8_t*>(pixels.data()), camera.width, camera.height, camera.width}, image);
     keyframe.pyramid = build_pyramid(image, keyframe.storage);
     make_small_image(keyframe.pyramid, keyframe.small);
     return {};
@@ -531,7 +589,7 @@ class Body {
       m.keyframe = static_cast<int16_t>(keyframe);
       if (!inside) return refused("a map point was measured outside of the image");
       if (level >= kPyramidLevels) return refused("a measurement's pyramid level is not within 0 to 4");
-      m.at.level = static_cast<uint8_t>(level);
+      m.at.level = static_cast<uint8_t>(std::max(0, static_cast<int>(level) - scale_.levels));
       if (!within(m.weight, 0, 1)) return refused("a measurement's weight is not within 0 to 1");
       if (std::find(measured, measured + i, m.keyframe) != measured + i)
         return refused("a map point was measured twice in one keyframe");
@@ -563,6 +621,7 @@ class Body {
   Reader in_;
   const Header& header_;
   const Config& config_;
+  const ImageScale scale_;
   Map* map_ = nullptr;
   uint32_t measurements_ = 0, most_of_a_point_ = 0;  // of the points read so far
   std::array<Slot, kMaxKeyframeSlots> slots_ = {};

@@ -32,7 +32,7 @@ struct MeasurementInfo {
 // Header of a saved map.
 struct MapInfo {
   int version = 0;  // of the file format
-  Camera camera;    // with which it was made, not prepared; Config::camera must be the same to load it
+  Camera camera;    // with which it was made, not prepared; see System::load_map
   int keyframes = 0, erased_keyframes = 0, map_points = 0, partial_points = 0;
   // Smallest capacities (max_... of Config) with which it can be loaded.
   int min_keyframes = 0, min_erased_keyframes = 0, min_map_points = 0, min_partial_points = 0;

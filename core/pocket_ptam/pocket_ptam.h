@@ -73,7 +73,8 @@ class System {
   static Status map_info(std::span<const std::byte> file, MapInfo* info);
   // Replaces the map, or a start in progress, by a saved map. The state is then kLost, until the relocaliser finds the
   // pose in a frame that shows a known view. Refused, with nothing changed, unless the whole file is valid, was made
-  // with this camera and shutter, and fits Config's capacities.
+  // with this camera and shutter, and fits Config's capacities. A map of the same camera with larger images is scaled
+  // down to Config::camera's size; for one with smaller images, give track() images as small as the map's.
   Status load_map(std::span<const std::byte> file);
 
   // A locked map is only tracked: no new keyframes or points and no mapping work until it is unlocked. Without a

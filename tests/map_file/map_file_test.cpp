@@ -240,7 +240,7 @@ TEST(MapFile, EveryFaultIsNamed) {
       {"focal length", f32(32, 101), true, StatusCode::kConfigMismatch},
       {"rolling shutter", f32(76, 0.0005f), true, StatusCode::kConfigMismatch},
       {"rolling shutter", u32(72, 0), true, StatusCode::kConfigMismatch},
-      {"size", u32(24, 96), true, StatusCode::kConfigMismatch},
+      {"smaller images", u32(24, 96), true, StatusCode::kConfigMismatch},
       {"slots", u32(kHeader, 1)},  // order
       {"slots", u32(kHeader + kKeyframe, 0)},
       {"slots", u32(kHeader + 2 * kKeyframe, 4)},
@@ -337,7 +337,8 @@ TEST(MapFile, AnotherConfigIsNamedFieldByField) {
     const char* says;
     std::function<void(Config*)> change;
   } kCases[] = {
-      {"size than Config::camera", [](Config* c) { c->camera.model.width = 98; }},
+      {"smaller images than Config::camera", [](Config* c) { c->camera.model.width = 98; }},
+      {"another camera", [](Config* c) { c->camera.model.width = 70; }},  // cut off, not made smaller
       {"another camera", [](Config* c) { c->camera.model.fx += 1e-4f; }},
       {"another camera", [](Config* c) { c->camera.model.cy += 1; }},
       {"another camera",
@@ -394,6 +395,96 @@ TEST(MapFile, AnotherConfigIsNamedFieldByField) {
   config.exposure_s = 0.01f;
   config.max_measured_points = 100;
   EXPECT_TRUE(Phone(config)->load_map(file).ok());
+}
+
+// The small map's camera with images of another size.
+Config with_images_of(int width, int height) {
+  Config config = small_map_config();
+  CameraModel& camera = config.camera.model;
+  const float x = static_cast<float>(width) / static_cast<float>(camera.width);
+  const float y = static_cast<float>(height) / static_cast<float>(camera.height);
+  camera.fx *= x;
+  camera.fy *= y;
+  camera.cx = (camera.cx + 0.5f) * x - 0.5f;
+  camera.cy = (camera.cy + 0.5f) * y - 0.5f;
+  config.camera.shutter.line_time_s *= static_cast<float>(camera.width) / static_cast<float>(width);
+  camera.width = width;
+  camera.height = height;
+  camera.prepare();
+  return config;
+}
+
+// Points, poses and times stay; what is in pixels is that of the smaller images. The small map measures its points
+// where they project, so they must be there in the smaller camera as well.
+TEST(MapFile, ACameraWithSmallerImagesGetsItScaled) {
+  const SmallMap original(5, with_images_of(194, 162));
+  const Bytes file = original.file();
+  const struct {
+    int width, height, levels;
+  } kSizes[] = {{194, 162, 0}, {150, 125, 0}, {130, 108, 1}, {97, 81, 1}, {80, 67, 1}};
+  for (const auto& size : kSizes) {
+    SCOPED_TRACE(std::to_string(size.width) + "x" + std::to_string(size.height));
+    const Config config = with_images_of(size.width, size.height);
+    SmallMap scaled(6, config);
+    scaled.map.clear();
+    const Status status = check_map_file(file, config);
+    ASSERT_TRUE(status.ok()) << status.message();
+    read_map_file(file, config, scaled.map);
+    scaled.map.check_consistency();
+    for (int k = 0; k < scaled.map.keyframes().size(); ++k) {
+      const Keyframe &a = original.map.keyframes()[k], &b = scaled.map.keyframes()[k];
+      if (a.id == 0) continue;
+      EXPECT_EQ(std::memcmp(a.T_kw.t.data(), b.T_kw.t.data(), 3 * sizeof(float)), 0);
+      double from_mean = 0;  // against the mean over each pixel's area, by adding 16 x 16 samples of it
+      for (int y = 0; y < size.height; ++y) {
+        for (int x = 0; x < size.width; ++x) {
+          double sum = 0;
+          for (int i = 0; i < 256; ++i) {
+            const double u = (x + (i % 16 + 0.5) / 16) * 194 / size.width,
+                         v = (y + (i / 16 + 0.5) / 16) * 162 / size.height;
+            sum += a.pyramid.level[0].at(static_cast<int>(u), static_cast<int>(v));
+          }
+          from_mean = std::max(from_mean, std::abs(sum / 256 - b.pyramid.level[0].at(x, y)));
+        }
+      }
+      // A sample stands for 1/16 of a pixel's side: an edge between 30 and 220 may be put 1/32 wrong on both axes.
+      EXPECT_LE(from_mean, 0.5 + 2 * 190.0 / 32);
+    }
+    int checked = 0;
+    for (int i = 0; i < scaled.map.points().size(); ++i) {
+      const MapPoint &before = original.map.points()[i], &point = scaled.map.points()[i];
+      ASSERT_EQ(point.id, before.id);
+      if (point.id == 0) continue;
+      EXPECT_EQ(point.p_w, before.p_w);
+      auto old_m = original.map.measurements(before).begin();
+      for (const Measurement& m : scaled.map.measurements(point)) {
+        Vector2f px;
+        ASSERT_TRUE(config.camera.project(scaled.map.keyframes()[m.keyframe].T_kw * point.p_w, &px));
+        EXPECT_LT((m.at.px - px).norm(), 1e-3f) << "float32 of pixels up to 200, a few operations";
+        EXPECT_EQ(m.at.level, std::max(0, (*old_m).at.level - size.levels));
+        ++old_m;
+        ++checked;
+      }
+    }
+    EXPECT_GT(checked, 100);
+    Phone phone(config);
+    ASSERT_TRUE(phone->load_map(file).ok());
+    EXPECT_EQ(map_hash(*phone), scaled.map.hash());
+    for (int i = 0; i < 50 && phone->has_work(); ++i) phone->work_slice();
+    Phone again(config);
+    EXPECT_TRUE(again->load_map(phone.saved()).ok()) << "saved, it is a map of the smaller images";
+  }
+  const auto refused = [&](const std::function<void(Config*)>& change) {
+    Config config = with_images_of(97, 81);
+    change(&config);
+    return check_map_file(file, config).code() == StatusCode::kConfigMismatch;
+  };
+  EXPECT_FALSE(refused([](Config* c) { c->camera.model.cx += 0.25f; })) << "scaled as pixels' edges are";
+  EXPECT_TRUE(refused([](Config* c) { c->camera.model.cx += 1; }));
+  EXPECT_TRUE(refused([](Config* c) { c->camera.model.fy *= 1.001f; }));
+  EXPECT_TRUE(refused([](Config* c) { c->camera.model.coeffs[0] = 0.01f; }));
+  EXPECT_TRUE(refused([](Config* c) { c->camera.shutter.line_time_s *= -1; }));
+  EXPECT_TRUE(refused([](Config* c) { c->camera.shutter.line_time_s *= 1.1f; }));
 }
 
 // Too few points for an adjustment: there is nothing to do then, rather than for ever the same.
