@@ -53,7 +53,7 @@ Hashes run_and_hash(int changed_frame) {
 // Kept and read again a sequence is what was rendered; a file that breaks off is none. On this computer it is also the
 // one that the emulated processors will read.
 TEST(Bits, OfAKeptSequenceAreThoseRendered) {
-#ifdef __arm__
+#ifdef PPTAM_EMULATED
   GTEST_SKIP() << "minutes in emulation";
 #endif
   const std::filesystem::path folder =
@@ -76,7 +76,7 @@ TEST(Bits, AreTheSameOnEveryTarget) {
   ASSERT_EQ(hashes.frames, 0xec03541461a0277bu)
       << "the emulated phone's images differ: nothing can be said of the library";
   EXPECT_EQ(hashes.results, 0xa6b51a72a0422dfeu);
-#ifndef __arm__  // minutes in emulation
+#ifndef PPTAM_EMULATED  // half a minute in emulation
   EXPECT_NE(run_and_hash(10).results, hashes.results) << "control: one pixel of one early frame";
 #endif
 }
