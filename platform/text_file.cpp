@@ -54,33 +54,37 @@ std::string utf8_of_utf16(std::span<const std::byte> bytes, bool big_endian) {
   return text;
 }
 
+// Without a mark, UTF-16 shows by the zeros beside its first two letters, which are ASCII's in all that we read.
 std::string decoded(std::span<const std::byte> bytes) {
-  const auto starts_with = [&](std::initializer_list<unsigned> mark) {
-    return bytes.size() >= mark.size() &&
-           std::equal(mark.begin(), mark.end(), bytes.begin(),
-                      [](unsigned a, std::byte b) { return a == std::to_integer<unsigned>(b); });
-  };
-  if (starts_with({0xff, 0xfe})) return utf8_of_utf16(bytes.subspan(2), false);
-  if (starts_with({0xfe, 0xff})) return utf8_of_utf16(bytes.subspan(2), true);
-  if (starts_with({0xef, 0xbb, 0xbf})) bytes = bytes.subspan(3);
+  const auto byte = [&](size_t i) { return i < bytes.size() ? std::to_integer<unsigned>(bytes[i]) : 0x100; };
+  const auto is_ascii = [&](size_t i) { return byte(i) > 0 && byte(i) < 0x80; };
+  if (byte(0) == 0xff && byte(1) == 0xfe) return utf8_of_utf16(bytes.subspan(2), false);
+  if (byte(0) == 0xfe && byte(1) == 0xff) return utf8_of_utf16(bytes.subspan(2), true);
+  if (is_ascii(0) && byte(1) == 0 && is_ascii(2) && byte(3) == 0) return utf8_of_utf16(bytes, false);
+  if (byte(0) == 0 && is_ascii(1) && byte(2) == 0 && is_ascii(3)) return utf8_of_utf16(bytes, true);
+  if (byte(0) == 0xef && byte(1) == 0xbb && byte(2) == 0xbf) bytes = bytes.subspan(3);
   return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
 }
 
 }  // namespace
 
 std::string read_text(const std::filesystem::path& file, size_t most) {
-  const std::vector<std::byte> bytes = read_file(file, most);
-  const std::string raw = decoded(bytes);
-  if (raw.find('\0') != std::string::npos) throw InputError(file.string() + ": is not a text file");
-  std::string text;
-  text.reserve(raw.size() + 1);
-  for (size_t i = 0; i < raw.size(); ++i) {
-    if (raw[i] != '\r') {
-      text.push_back(raw[i]);
-    } else if (i + 1 == raw.size() || raw[i + 1] != '\n') {
-      text.push_back('\n');
+  return text_of(read_file(file, most), file.string());
+}
+
+std::string text_of(std::vector<std::byte> bytes, const std::string& name) {
+  std::string text = decoded(bytes);
+  std::vector<std::byte>().swap(bytes);  // not both at a time: files may be large
+  if (text.find('\0') != std::string::npos) throw InputError(name + ": is not a text file");
+  size_t kept = 0;
+  for (size_t i = 0; i < text.size(); ++i) {
+    if (text[i] != '\r') {
+      text[kept++] = text[i];
+    } else if (i + 1 == text.size() || text[i + 1] != '\n') {
+      text[kept++] = '\n';
     }
   }
+  text.resize(kept);
   if (!text.empty() && text.back() != '\n') text.push_back('\n');
   return text;
 }

@@ -1,5 +1,5 @@
-// Text files of any common editor and system: UTF-8, with or without a byte order mark, or UTF-16 with one; lines that
-// end as on Unix, Windows or old Macs.
+// Text files of any common editor and system: UTF-8 or UTF-16, with or without a byte order mark; lines that end as on
+// Unix, Windows or old Macs.
 #pragma once
 
 #include <cstddef>
@@ -8,6 +8,7 @@
 #include <functional>
 #include <string>
 #include <string_view>
+#include <vector>
 
 namespace pptam::platform {
 
@@ -17,6 +18,9 @@ constexpr size_t kMaxLineBytes = 64 * 1024;
 // The whole text as UTF-8 without a mark; every line ends in '\n'. Throws InputError naming the file when it is
 // missing, not a regular file (none other is opened), larger than `most` bytes, or holds zeros (not a text).
 std::string read_text(const std::filesystem::path& file, size_t most = kMaxTextBytes);
+
+// The same of a file's bytes. `name` stands for the file in the error.
+std::string text_of(std::vector<std::byte> bytes, const std::string& name);
 
 // Throws InputError with file, line number and what.
 using LineError = std::function<void(const std::string& what)>;

@@ -1,195 +1,81 @@
 #include "platform/camera/calibration.h"
 
-#include <yaml-cpp/yaml.h>
-
+#include <algorithm>
 #include <cmath>
-#include <fstream>
 #include <numbers>
-#include <string>
-#include <vector>
 
+#include "platform/camera/calibration_dialects.h"
+#include "platform/camera/calibration_section.h"
+#include "platform/camera/calibration_text.h"
+#include "platform/files.h"
 #include "platform/input_error.h"
+#include "platform/text.h"
 
 namespace pptam::platform {
 namespace {
 
-constexpr size_t kMaxFileBytes = 64 * 1024;  // a camchain of eight cameras has 5 kB; bounds the parser's time
-constexpr double kMaxNumber = 1e6;           // of any entry: beyond it the file is not a calibration
+constexpr size_t kMaxCalibrationBytes = size_t{32} << 20;  // OpenCV's with the corners of a thousand views: under 20 MB
 
-// A YAML mapping and the file that it comes from; every getter throws InputError naming that file and the key.
-class Section {
- public:
-  Section(std::string file, const YAML::Node& node) : file_(std::move(file)), node_(node) {
-    if (!node_.IsMap()) fail("a mapping of keys to values was expected: this is not a camera calibration");
-  }
+// Not swept: each is far from what lenses have and near what mistakes make.
+constexpr double kMinFocalFraction = 0.15;  // of the longer side; of a fisheye of 220 degrees 0.26
+constexpr double kMaxFocalFraction = 20;    // 3 degrees across
+constexpr double kMaxFocalRatio = 1.2;      // fx against fy: pixels of common sensors are square
+constexpr double kMaxCentreOffset = 0.25;   // of the principal point from the image's, in widths and heights
+constexpr double kMaxSwappedOffset = 0.04;  // likewise, where width and height have changed places
+constexpr double kMinSwappedOffset = 0.08;  // likewise, before that is thought of
 
-  [[noreturn]] void fail(const std::string& what) const { throw InputError("calibration " + file_ + ": " + what); }
-
-  bool has(const char* key) const { return at(key).IsDefined() && !at(key).IsNull(); }
-
-  // The first of these keys that is there, else the first.
-  const char* any_of(std::initializer_list<const char*> keys) const {
-    for (const char* key : keys) {
-      if (has(key)) return key;
+// What the model's own check would only call invalid, and what is valid but hardly meant.
+void check_plausible(const CameraModel& model, const std::string& file, std::vector<std::string>* warnings) {
+  const auto fail = [&](const std::string& what) { throw InputError("calibration " + file + ": " + what); };
+  const auto warn = [&](const std::string& what) {
+    if (warnings) warnings->push_back("calibration " + file + ": " + what);
+  };
+  const double width = model.width, height = model.height;
+  const std::string size = format("%dx%d", model.width, model.height);
+  const std::string centre = format("(%.6g, %.6g)", double{model.cx}, double{model.cy});
+  const double longer = std::max(width, height);
+  const double focal = std::max(model.fx, model.fy);
+  if (focal > 0 && longer >= 16) {
+    if (focal < 10 && model.cx <= 1 && model.cy <= 1) {
+      fail(format("fx = %.6g and the principal point ", double{model.fx}) + centre +
+           " seem to be fractions of the image's size: give them in pixels");
     }
-    return *keys.begin();
-  }
-
-  Section section(const char* key) const {
-    if (!at(key).IsDefined() || !at(key).IsMap()) fail(std::string(key) + " is missing or not a mapping");
-    return Section(file_, at(key));
-  }
-
-  std::string text(const char* key) const {
-    if (!has(key)) fail(std::string(key) + " is missing");
-    if (!at(key).IsScalar() || at(key).Scalar().size() > 40) fail(std::string(key) + " is not a word");
-    std::string word = at(key).Scalar();
-    for (char& c : word) {
-      if (static_cast<unsigned char>(c) < ' ') c = ' ';
+    if (focal < kMinFocalFraction * longer) {
+      fail(format("fx = %.6g is too short for images of ", double{model.fx}) + size +
+           ": give it in pixels, millimetres x width / the sensor's width in millimetres");
     }
-    return word;
   }
-
-  double number(const char* key) const {
-    if (!has(key)) fail(std::string(key) + " is missing");
-    return number(at(key), key);
+  const auto offset = [&](double w, double h) {
+    return std::max(std::abs(model.cx / w - 0.5), std::abs(model.cy / h - 0.5));
+  };
+  const bool swapped =
+      offset(width, height) > kMinSwappedOffset && offset(height, width) < kMaxSwappedOffset && width != height;
+  const std::string swapped_text = "the principal point " + centre + " is not near the centre of " + size +
+                                   format(" but of %dx%d", model.height, model.width) +
+                                   ": are width and height swapped, or was the image turned after calibration?";
+  const bool inside = model.cx >= 0 && model.cy >= 0 && model.cx <= width - 1 && model.cy <= height - 1;
+  if (!inside && swapped) fail(swapped_text);
+  if (!inside) {
+    fail("the principal point " + centre + " is outside the image of " + size +
+         ": were the images cropped or resized after calibration?");
   }
-
-  std::vector<double> numbers(const char* key) const {
-    if (!has(key)) fail(std::string(key) + " is missing");
-    if (!at(key).IsSequence()) fail(std::string(key) + " is not a list of numbers, such as [1.0, 2.0]");
-    std::vector<double> list;
-    for (const YAML::Node& entry : at(key)) list.push_back(number(entry, key));
-    return list;
+  if (swapped) {
+    warn(swapped_text);
+  } else if (offset(width, height) > kMaxCentreOffset) {
+    warn("the principal point " + centre + " is far from the centre of " + size +
+         ": were the images cropped or resized after calibration?");
   }
-
-  int size_px(double number, const char* key) const {
-    if (number != std::floor(number) || number < 1 || number > 16384) {
-      fail(std::string(key) + " is not a number of pixels from 1 to 16384");
-    }
-    return static_cast<int>(number);
-  }
-
- private:
-  YAML::Node at(const char* key) const { return std::as_const(node_)[key]; }
-
-  double number(const YAML::Node& node, const char* key) const {
-    double value = 0;
-    if (!node.IsScalar() || !YAML::convert<double>::decode(node, value)) {
-      fail(std::string(key) + " holds something that is not a number");
-    }
-    if (!std::isfinite(value)) fail(std::string(key) + " holds NaN or infinity");
-    if (std::abs(value) > kMaxNumber) fail(std::string(key) + " holds a number over a million: not a calibration");
-    return value;
-  }
-
-  std::string file_;
-  YAML::Node node_;
-};
-
-Section load(const std::filesystem::path& path) {
-  const std::string file = path.string();
-  std::error_code ignored;
-  std::ifstream stream(path, std::ios::binary);
-  if (!std::filesystem::is_regular_file(path, ignored) || !stream) {
-    throw InputError("calibration " + file + ": there is no such readable file");
-  }
-  std::string text(kMaxFileBytes + 1, '\0');
-  stream.read(text.data(), static_cast<std::streamsize>(text.size()));
-  text.resize(static_cast<size_t>(stream.gcount()));
-  if (text.size() > kMaxFileBytes) throw InputError("calibration " + file + ": larger than 64 kB, not a calibration");
-  if (text.starts_with("%YAML")) text.erase(0, text.find('\n'));  // OpenCV writes %YAML:1.0, which is not YAML
-  YAML::Node root;
-  try {
-    root = YAML::Load(text);
-  } catch (const YAML::Exception& error) {
-    throw InputError("calibration " + file + ": not readable as YAML: line " + std::to_string(error.mark.line + 1) +
-                     ": " + error.msg);
-  }
-  return Section(file, root);
-}
-
-// Radial-tangential coefficients in OpenCV's order: k1 k2 p1 p2 [k3 [k4 k5 k6 [s1...]]].
-void set_radtan(const Section& section, const std::vector<double>& coeffs, CameraModel* model) {
-  if (coeffs.size() < 4 && !coeffs.empty())
-    section.fail("radial-tangential distortion needs k1, k2, p1, p2 and maybe k3");
-  bool any = false;
-  for (size_t i = 0; i < coeffs.size(); ++i) {
-    if (i >= 5 && coeffs[i] != 0) {
-      section.fail(
-          "rational or thin-prism distortion (more than k1, k2, p1, p2, k3) is not supported: calibrate with "
-          "five coefficients, or with an equidistant model");
-    }
-    any = any || coeffs[i] != 0;
-    if (i < 5) model->coeffs[i] = static_cast<float>(coeffs[i]);
-  }
-  model->distortion = any ? Distortion::kRadTan : Distortion::kNone;
-}
-
-void set_distortion(const Section& section, const std::string& name, const std::vector<double>& coeffs,
-                    CameraModel* model) {
-  if (name == "radtan" || name == "radial-tangential" || name == "plumb_bob" || name == "rational_polynomial") {
-    set_radtan(section, coeffs, model);
-  } else if (name == "equidistant" || name == "fisheye") {
-    if (coeffs.size() != 4) section.fail("equidistant distortion needs four coefficients");
-    for (size_t i = 0; i < 4; ++i) model->coeffs[i] = static_cast<float>(coeffs[i]);
-    model->distortion = Distortion::kEquidistant;
-  } else if (name == "fov") {
-    if (coeffs.size() != 1) section.fail("fov distortion needs one coefficient");
-    model->coeffs[0] = static_cast<float>(coeffs[0]);
-    model->distortion = Distortion::kFov;
-  } else if (name == "none") {
-    model->distortion = Distortion::kNone;
-  } else {
-    section.fail("distortion model " + name + " is not supported: use radtan (plumb_bob), equidistant, fov or none");
+  if (focal > kMaxFocalFraction * longer)
+    warn(format("fx = %.6g is very long for images of ", double{model.fx}) + size + ": is it in pixels?");
+  if (focal > kMaxFocalRatio * std::min(model.fx, model.fy)) {
+    warn(format("fx = %.6g and fy = %.6g differ by over 20 %%: are the pixels that far from square?", double{model.fx},
+                double{model.fy}));
   }
 }
 
-// Kalibr's cam0 and EuRoC's sensor.yaml.
-void read_kalibr_model(const Section& section, CameraModel* model) {
-  const std::string camera = section.text("camera_model");
-  if (camera != "pinhole") {
-    section.fail("camera model " + camera + " is not supported: calibrate with pinhole (pinhole-radtan, pinhole-equi)");
-  }
-  const std::vector<double> resolution = section.numbers("resolution");
-  if (resolution.size() != 2) section.fail("resolution needs two numbers, [width, height]");
-  model->width = section.size_px(resolution[0], "resolution");
-  model->height = section.size_px(resolution[1], "resolution");
-  const std::vector<double> intrinsics = section.numbers("intrinsics");
-  if (intrinsics.size() != 4) section.fail("intrinsics needs four numbers, [fu, fv, pu, pv]");
-  model->fx = static_cast<float>(intrinsics[0]);
-  model->fy = static_cast<float>(intrinsics[1]);
-  model->cx = static_cast<float>(intrinsics[2]);
-  model->cy = static_cast<float>(intrinsics[3]);
-  const std::string name = section.text("distortion_model");
-  const char* key = section.any_of({"distortion_coeffs", "distortion_coefficients"});
-  set_distortion(section, name, name == "none" ? std::vector<double>() : section.numbers(key), model);
-}
-
-// OpenCV's FileStorage and ROS's camera_info; the former has no distortion_model, and capitals in old files.
-void read_opencv_model(const Section& section, CameraModel* model) {
-  const char* width = section.any_of({"image_width", "image_Width"});
-  const char* height = section.any_of({"image_height", "image_Height"});
-  model->width = section.size_px(section.number(width), width);
-  model->height = section.size_px(section.number(height), height);
-  const char* matrix = section.any_of({"camera_matrix", "Camera_Matrix"});
-  const std::vector<double> K = section.section(matrix).numbers("data");
-  if (K.size() != 9) section.fail(std::string(matrix) + " needs nine numbers");
-  if (K[1] != 0 || K[3] != 0 || K[6] != 0 || K[7] != 0 || K[8] != 1) {
-    section.fail(std::string(matrix) + " is not [fx, 0, cx, 0, fy, cy, 0, 0, 1]: skew is not supported");
-  }
-  model->fx = static_cast<float>(K[0]);
-  model->fy = static_cast<float>(K[4]);
-  model->cx = static_cast<float>(K[2]);
-  model->cy = static_cast<float>(K[5]);
-  const char* distortion = section.any_of({"distortion_coefficients", "Distortion_Coefficients"});
-  const std::string name = section.has("distortion_model") ? section.text("distortion_model") : "plumb_bob";
-  set_distortion(section, name, section.section(distortion).numbers("data"), model);
-}
-
-void read_shutter(const Section& section, Calibration* calibration) {
+void read_shutter(const CalibrationSection& section, Calibration* calibration) {
   const auto seconds = [&](const char* key) {
-    const double value = section.has(key) ? section.number(key) : 0;
+    const double value = section.number_or_zero(key);
     if (value < 0 || value > 1) section.fail(std::string(key) + " is not between 0 and 1 second");
     return value;
   };
@@ -205,33 +91,64 @@ void read_shutter(const Section& section, Calibration* calibration) {
   calibration->shutter.line_time_s = static_cast<float>(direction * readout_s / lines);
 }
 
-}  // namespace
-
-Calibration read_calibration(const std::filesystem::path& file) {
-  const Section root = load(file);
+// What yaml-cpp throws becomes an InputError.
+template <typename Read>
+auto with_yaml_errors(const std::string& file, const Read& read) {
   try {
-    const Section section = root.has("cam0") ? root.section("cam0") : root;
-    Calibration calibration;
-    if (section.has("intrinsics")) {
-      read_kalibr_model(section, &calibration.model);
-    } else if (section.has("camera_matrix") || section.has("Camera_Matrix")) {
-      read_opencv_model(section, &calibration.model);
-    } else {
-      section.fail("neither intrinsics (Kalibr, EuRoC) nor camera_matrix (OpenCV, ROS) is there");
-    }
-    const Status status = calibration.model.validate();
-    if (!status.ok()) section.fail(status.message());
-    read_shutter(section, &calibration);
-    return calibration;
+    return read();
   } catch (const YAML::Exception& error) {
-    root.fail(error.msg);
+    throw InputError("calibration " + file + ": " + error.msg);
   }
 }
 
-Eigen::Isometry3d read_camera_to_body(const std::filesystem::path& file) {
-  const Section root = load(file);
+std::vector<std::byte> bytes_of(const std::filesystem::path& file) {
+  std::error_code ignored;
+  if (std::filesystem::is_directory(file, ignored)) {
+    throw InputError("calibration " + file.string() + ": is a folder, give the file in it");
+  }
+  std::error_code no_size;
+  if (std::filesystem::file_size(file, no_size) > kMaxCalibrationBytes && !no_size) {
+    throw InputError("calibration " + file.string() +
+                     ": has over 32 MB; if it is a calibration, keep only the camera's lines in a copy");
+  }
   try {
-    const std::vector<double> data = root.section("T_BS").numbers("data");
+    return read_file(file, kMaxCalibrationBytes);
+  } catch (const InputError& error) {
+    throw InputError(std::string("calibration ") + error.what());
+  }
+}
+
+}  // namespace
+
+Calibration read_calibration(const std::filesystem::path& file, std::vector<std::string>* warnings) {
+  return calibration_of(bytes_of(file), file.string(), warnings);
+}
+
+Calibration calibration_of(std::vector<std::byte> bytes, const std::string& name, std::vector<std::string>* warnings) {
+  const std::string text = calibration_text(std::move(bytes), name);
+  return with_yaml_errors(name, [&] {
+    Calibration calibration;
+    if (is_colmap(text)) {
+      calibration.model = read_colmap_lens(text, name, warnings);
+      check_plausible(calibration.model, name, warnings);
+    } else {
+      const CalibrationSection camera = first_camera(parse_calibration(text, name, warnings));
+      calibration.model = read_lens(camera);
+      check_plausible(calibration.model, name, warnings);
+      read_shutter(camera, &calibration);
+    }
+    const Status status = calibration.model.validate();
+    if (!status.ok()) throw InputError("calibration " + name + ": " + status.message());
+    return calibration;
+  });
+}
+
+Eigen::Isometry3d read_camera_to_body(const std::filesystem::path& file) {
+  const std::string name = file.string();
+  const std::string text = calibration_text(bytes_of(file), name);
+  return with_yaml_errors(name, [&] {
+    const CalibrationSection root = parse_calibration(text, name, nullptr);
+    const std::vector<double> data = root.numbers("T_BS");
     if (data.size() != 16) root.fail("T_BS needs sixteen numbers");
     const Eigen::Matrix4d T = Eigen::Map<const Eigen::Matrix<double, 4, 4, Eigen::RowMajor>>(data.data());
     const Eigen::Matrix3d R = T.topLeftCorner<3, 3>();
@@ -242,9 +159,7 @@ Eigen::Isometry3d read_camera_to_body(const std::filesystem::path& file) {
     T_bc.linear() = Eigen::Quaterniond(R).normalized().toRotationMatrix();
     T_bc.translation() = T.topRightCorner<3, 1>();
     return T_bc;
-  } catch (const YAML::Exception& error) {
-    root.fail(error.msg);
-  }
+  });
 }
 
 Calibration guess_calibration(int width, int height, double fov_degrees) {

@@ -1,6 +1,7 @@
-// Camera calibration files: Kalibr camchain, OpenCV, ROS camera_info and EuRoC sensor.yaml, told apart by their keys.
+// Camera calibration files, told apart by their keys: Kalibr, EuRoC, OpenCV (YAML, XML, JSON), ROS (files and printed
+// messages), ORB-SLAM, stella_vslam, camodocal, COLMAP's cameras.txt. platform/README.md has the table.
 //
-// All of them put pixel centres at integers, as we do. Any of them may carry our own keys beside the intrinsics:
+// Pixel centres become integers, as ours. All but COLMAP's may carry our own keys beside the intrinsics:
 //   readout_s: 0.030         seconds from the first to the last line, 0 (default): global shutter
 //   readout_axis: rows       rows (default): lines are exposed one after the other; columns: likewise
 //   readout_direction: 1     1 (default): larger coordinates later; -1: earlier
@@ -9,7 +10,10 @@
 #pragma once
 
 #include <Eigen/Geometry>
+#include <cstddef>
 #include <filesystem>
+#include <string>
+#include <vector>
 
 #include <pocket_ptam/camera_model.h>
 
@@ -21,7 +25,12 @@ struct Calibration {
   float exposure_s = 0;
 };
 
-Calibration read_calibration(const std::filesystem::path& file);
+// What was assumed, or read but hardly meant, is added to `warnings` unless it is null, a line each that names the
+// file.
+Calibration read_calibration(const std::filesystem::path& file, std::vector<std::string>* warnings);
+
+// The same from a file's bytes; `name` stands for the file in messages.
+Calibration calibration_of(std::vector<std::byte> bytes, const std::string& name, std::vector<std::string>* warnings);
 
 // EuRoC's T_BS: camera to body.
 Eigen::Isometry3d read_camera_to_body(const std::filesystem::path& file);

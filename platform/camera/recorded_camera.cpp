@@ -229,7 +229,7 @@ std::unique_ptr<Camera> open(const RecordingOptions& options, const std::functio
     std::to_chars(degrees, degrees + sizeof degrees - 1, options.fov_degrees, std::chars_format::general, 4);
     warn(std::string("no calibration: assuming a field of view of ") + degrees + " degrees and no distortion");
   } else {
-    calibration = read_calibration(calibration_path);
+    calibration = read_calibration(calibration_path, warnings);
     if (options.fov_degrees != 0) warn("a calibration is there: the given field of view is ignored");
     const CameraModel& model = calibration.model;
     if (model.width != first.width || model.height != first.height) {

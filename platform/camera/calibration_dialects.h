@@ -1,0 +1,25 @@
+// The lens that a calibration file describes, for each program that writes such files.
+//
+// Our pixel centres lie at integers. Kalibr, OpenCV, ROS, EuRoC, ORB-SLAM and camodocal have them there too; COLMAP and
+// Nerfstudio, where the image's corner is (0, 0), half a pixel further.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include <pocket_ptam/camera_model.h>
+#include "platform/camera/calibration_section.h"
+
+namespace pptam::platform {
+
+// The section of a file that holds one camera: the whole file, or the first camera of Kalibr's.
+CalibrationSection first_camera(const CalibrationSection& root);
+
+// Not validated. Throws InputError, also for lenses that are not supported: it names them and the way out.
+CameraModel read_lens(const CalibrationSection& section);
+
+// COLMAP's cameras.txt, a camera a line; the first is taken.
+bool is_colmap(const std::string& text);
+CameraModel read_colmap_lens(const std::string& text, const std::string& file, std::vector<std::string>* warnings);
+
+}  // namespace pptam::platform
