@@ -118,7 +118,10 @@ void add_recording_options(CLI::App* command, RecordingInput* input) {
   command->add_option("source", input->source, "Folder (TUM, EuRoC, images), pattern such as img_%04d.png, or video")
       ->required()
       ->type_name("SOURCE");
-  command->add_option("--calibration", input->calibration, "Camera calibration (YAML)")->type_name("FILE");
+  command
+      ->add_option("--calibration", input->calibration,
+                   "Camera calibration of Kalibr, OpenCV, ROS, EuRoC, ORB-SLAM, COLMAP and others")
+      ->type_name("FILE");
   command->add_option("--fov", input->options.fov_degrees, "Horizontal field of view, when there is no calibration")
       ->type_name("DEGREES");
   command->add_option("--resize", input->resize, "Scale the images, after rotation")->type_name("WxH");

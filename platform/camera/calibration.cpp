@@ -4,6 +4,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "platform/camera/calibration_colmap.h"
 #include "platform/camera/calibration_dialects.h"
 #include "platform/camera/calibration_section.h"
 #include "platform/camera/calibration_text.h"

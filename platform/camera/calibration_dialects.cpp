@@ -2,124 +2,17 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdint>
 #include <optional>
-#include <sstream>
 #include <string_view>
 
-#include "platform/input_error.h"
-#include "platform/text_file.h"
+#include "platform/camera/calibration_lens.h"
 
 namespace pptam::platform {
 namespace {
 
 using Section = CalibrationSection;
 
-constexpr const char* kWayOut =
-    ": calibrate with five coefficients (k1, k2, p1, p2, k3), or as fisheye (equidistant) with four";
-
-// ---- Distortion ----------------------------------------------------------------------------------------------------
-
-bool is_zero(double value) {
-  return value == 0;
-}
-
-// In OpenCV's order: k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4 [tx ty]]]].
-void set_radtan(const Section& section, const std::vector<double>& coeffs, CameraModel* model) {
-  if (coeffs.size() < 4 && !coeffs.empty())
-    section.fail("radial-tangential distortion needs k1, k2, p1, p2 and maybe k3");
-  const auto any_beyond = [&](size_t first) {
-    return coeffs.size() > first && !std::all_of(coeffs.begin() + static_cast<ptrdiff_t>(first), coeffs.end(), is_zero);
-  };
-  if (any_beyond(12)) section.fail(std::string("the tilted sensor's coefficients are not supported") + kWayOut);
-  if (any_beyond(8)) section.fail(std::string("thin-prism distortion is not supported") + kWayOut);
-  if (any_beyond(5)) {
-    section.fail(std::string("rational distortion (more than k1, k2, p1, p2, k3) is not supported") + kWayOut);
-  }
-  for (size_t i = 0; i < std::min(coeffs.size(), size_t{5}); ++i) model->coeffs[i] = static_cast<float>(coeffs[i]);
-  const bool none = std::all_of(coeffs.begin(), coeffs.end(), is_zero);
-  model->distortion = none ? Distortion::kNone : Distortion::kRadTan;
-}
-
-void set_equidistant(const Section& section, const std::vector<double>& coeffs, CameraModel* model) {
-  if (coeffs.size() < 4 || !std::all_of(coeffs.begin() + 4, coeffs.end(), is_zero))
-    section.fail("equidistant distortion needs four coefficients");
-  for (size_t i = 0; i < 4; ++i) model->coeffs[i] = static_cast<float>(coeffs[i]);
-  model->distortion = Distortion::kEquidistant;
-}
-
-// By the many names that they go under; nothing when the name is none of them.
-std::optional<Distortion> distortion_named(const std::string& name) {
-  const std::string plain = plain_name(name);
-  const auto among = [&](std::initializer_list<const char*> names) {
-    return std::find(names.begin(), names.end(), plain) != names.end();
-  };
-  if (among({"radtan", "radialtangential", "plumbbob", "rationalpolynomial", "opencv", "brownconrady", "perspective",
-             "pinholeradtan"}))
-    return Distortion::kRadTan;
-  if (among({"equidistant", "equi", "fisheye", "opencvfisheye", "kannalabrandt", "kannalabrandt4", "kannalabrandt8",
-             "kb4", "kb8", "pinholeequi"}))
-    return Distortion::kEquidistant;
-  if (among({"fov", "atan", "pinholefov"})) return Distortion::kFov;
-  if (among({"none", "rectified"})) return Distortion::kNone;
-  return {};
-}
-
-void set_distortion(const Section& section, Distortion kind, const std::vector<double>& coeffs, CameraModel* model) {
-  model->distortion = kind;
-  if (kind == Distortion::kRadTan) set_radtan(section, coeffs, model);
-  if (kind == Distortion::kEquidistant) set_equidistant(section, coeffs, model);
-  if (kind == Distortion::kFov) {
-    if (coeffs.size() != 1) section.fail("fov distortion needs one coefficient");
-    model->coeffs[0] = static_cast<float>(coeffs[0]);
-  }
-}
-
-[[noreturn]] void refuse_distortion(const Section& section, const std::string& name) {
-  section.fail("distortion model " + name +
-               " is not supported: use radtan (plumb_bob), equidistant (fisheye), fov or none");
-}
-
-// OpenCV's samples write `fisheye_model: 1`; others name the model. Nothing where the file does not say.
-std::optional<Distortion> named_distortion(const Section& section, std::initializer_list<const char*> names) {
-  std::optional<Distortion> kind;
-  const std::string key = section.any_of(names);
-  if (!key.empty() && !section.text(key).empty()) {
-    const std::string name = section.text(key);
-    kind = distortion_named(name);
-    // "pinhole" says how light goes through the lens's centre, not how the lens distorts.
-    if (!kind && plain_name(name) != "pinhole") refuse_distortion(section, name);
-  }
-  const std::string flag = section.any_of({"fisheye_model", "fisheye", "is_fisheye", "Camera.bFishEye"});
-  if (flag.empty()) return kind;
-  const std::string value = plain_name(section.text(flag));
-  const bool yes = value == "1" || value == "true" || value == "yes" || value == "on";
-  if (!yes && value != "0" && value != "false" && value != "no" && value != "off")
-    section.fail(flag + " is neither 0 nor 1");
-  if (yes && kind && *kind != Distortion::kEquidistant) section.fail(flag + " and " + key + " contradict each other");
-  if (yes) return Distortion::kEquidistant;
-  return kind ? kind : Distortion::kRadTan;
-}
-
-// Only where neither name nor flag is: OpenCV's order is the habit, but its fisheye functions have four, too.
-void set_unnamed_distortion(const Section& section, const std::vector<double>& coeffs, CameraModel* model) {
-  set_radtan(section, coeffs, model);
-  if (coeffs.size() == 4 && model->distortion != Distortion::kNone) {
-    section.warn(
-        "the file does not name the model of its four coefficients: they are taken for k1, k2, p1, p2; if they are "
-        "those "
-        "of a fisheye lens, add the line fisheye_model: 1");
-  }
-}
-
 // ---- Sizes and matrices --------------------------------------------------------------------------------------------
-
-void set_focal(double fx, double fy, double cx, double cy, CameraModel* model) {
-  model->fx = static_cast<float>(fx);
-  model->fy = static_cast<float>(fy);
-  model->cx = static_cast<float>(cx);
-  model->cy = static_cast<float>(cy);
-}
 
 void set_size(const Section& section, CameraModel* model) {
   constexpr const char* kPairs[][2] = {{"image_width", "image_height"},
@@ -161,7 +54,8 @@ void set_matrix(const Section& section, const std::string& key, CameraModel* mod
   if (K.size() != 9) {
     section.fail(key + " needs nine numbers" + counted(K.size(), K.size() > 9));
   }
-  if (std::all_of(K.begin(), K.begin() + 8, is_zero)) section.fail(key + " is all zero: the camera is not calibrated");
+  if (std::all_of(K.begin(), K.begin() + 8, [](double k) { return k == 0; }))
+    section.fail(key + " is all zero: the camera is not calibrated");
   if ((K[6] != 0 || K[7] != 0) && K[2] == 0 && K[5] == 0)
     section.fail(key + " is written column by column, as MATLAB does: write it row by row");
   // Optimisers leave traces of a skew that is fixed at zero.
@@ -356,95 +250,7 @@ CameraModel read_matrix(const Section& section, const MatrixKeys& keys) {
   return model;
 }
 
-// ---- COLMAP --------------------------------------------------------------------------------------------------------
-
-struct ColmapModel {
-  const char* name;
-  int focals;  // 1: fx = fy
-  Distortion distortion;
-  const char* coeffs;  // where each goes in CameraModel::coeffs, or in OpenCV's longer list
-};
-
-constexpr ColmapModel kColmapModels[] = {
-    {"SIMPLE_PINHOLE", 1, Distortion::kNone, ""},
-    {"PINHOLE", 2, Distortion::kNone, ""},
-    {"SIMPLE_RADIAL", 1, Distortion::kRadTan, "0"},
-    {"RADIAL", 1, Distortion::kRadTan, "01"},
-    {"OPENCV", 2, Distortion::kRadTan, "0123"},
-    {"FULL_OPENCV", 2, Distortion::kRadTan, "01234567"},
-    {"OPENCV_FISHEYE", 2, Distortion::kEquidistant, "0123"},
-    {"SIMPLE_RADIAL_FISHEYE", 1, Distortion::kEquidistant, "0"},
-    {"RADIAL_FISHEYE", 1, Distortion::kEquidistant, "01"},
-    {"FOV", 2, Distortion::kFov, "0"},
-};
-
-std::vector<std::string> words_of(std::string_view line) {
-  std::istringstream stream{std::string(line)};
-  std::vector<std::string> words;
-  for (std::string word; stream >> word && words.size() < 32;) words.push_back(word);
-  return words;
-}
-
-// Lines that are neither blank nor comments, cut to what a camera may have; at most `most` of them.
-std::vector<std::string> colmap_lines(const std::string& text, size_t most) {
-  constexpr size_t kMaxColmapLine = 1024;  // twelve parameters of twenty digits have under 300
-  std::vector<std::string> lines;
-  for (size_t begin = 0; begin < text.size() && lines.size() < most;) {
-    const size_t end = std::min(text.find('\n', begin), text.size());
-    const std::string_view line = trimmed(std::string_view(text).substr(begin, end - begin));
-    if (!line.empty() && line[0] != '#') lines.emplace_back(line.substr(0, kMaxColmapLine));
-    begin = end + 1;
-  }
-  return lines;
-}
-
-bool is_colmap_camera(const std::string& line) {
-  const std::vector<std::string> words = words_of(line);
-  int64_t number = 0;
-  return words.size() > 4 && parse_integer(words[0], &number) && parse_integer(words[2], &number) &&
-         parse_integer(words[3], &number) && words[1][0] >= 'A' && words[1][0] <= 'Z' &&
-         words[1].find_first_not_of("ABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_") == std::string::npos;
-}
-
 }  // namespace
-
-bool is_colmap(const std::string& text) {
-  const std::vector<std::string> lines = colmap_lines(text, 1);
-  return !lines.empty() && is_colmap_camera(lines[0]);
-}
-
-CameraModel read_colmap_lens(const std::string& text, const std::string& file, std::vector<std::string>* warnings) {
-  const std::vector<std::string> lines = colmap_lines(text, 2);
-  const std::vector<std::string> words = words_of(lines.at(0));
-  const Section section(file, YAML::Node(YAML::NodeType::Map), warnings);
-  const auto known = std::find_if(std::begin(kColmapModels), std::end(kColmapModels),
-                                  [&](const ColmapModel& m) { return words[1] == m.name; });
-  if (known == std::end(kColmapModels)) {
-    section.fail("COLMAP's camera model " + words[1].substr(0, 40) +
-                 " is not supported: use OPENCV, or OPENCV_FISHEYE "
-                 "for wide lenses");
-  }
-  const std::string coeff_places = known->coeffs;
-  const auto focals = static_cast<size_t>(known->focals);
-  const size_t needed = 4 + focals + 2 + coeff_places.size();
-  if (words.size() != needed) {
-    section.fail("COLMAP's " + words[1] + " needs " + std::to_string(needed - 4) + " parameters, camera " + words[0] +
-                 " has " + std::to_string(words.size() - 4));
-  }
-  std::vector<double> values;
-  for (size_t i = 2; i < words.size(); ++i) values.push_back(calibration_number(words[i], file, "camera " + words[0]));
-  CameraModel model;
-  model.width = section.pixels(values[0], "WIDTH");
-  model.height = section.pixels(values[1], "HEIGHT");
-  set_focal(values[2], values[1 + focals], values[2 + focals] - 0.5, values[3 + focals] - 0.5, &model);
-  std::vector<double> coeffs(known->distortion == Distortion::kFov ? 1 : 8);
-  for (size_t i = 0; i < coeff_places.size(); ++i)
-    coeffs[static_cast<size_t>(coeff_places[i] - '0')] = values[4 + focals + i];
-  set_distortion(section, known->distortion, coeffs, &model);
-  if (lines.size() > 1 && is_colmap_camera(lines[1]))
-    section.warn("holds several cameras: the first is taken, camera " + words[0]);
-  return model;
-}
 
 Section first_camera(const Section& root) {
   constexpr int kMaxCameras = 16;  // of one rig

@@ -1,11 +1,8 @@
 // The lens that a calibration file describes, for each program that writes such files.
 //
-// Our pixel centres lie at integers. Kalibr, OpenCV, ROS, EuRoC, ORB-SLAM and camodocal have them there too; COLMAP and
-// Nerfstudio, where the image's corner is (0, 0), half a pixel further.
+// Our pixel centres lie at integers. Kalibr, OpenCV, ROS, EuRoC, ORB-SLAM and camodocal have them there too;
+// Nerfstudio, as COLMAP, half a pixel further.
 #pragma once
-
-#include <string>
-#include <vector>
 
 #include <pocket_ptam/camera_model.h>
 #include "platform/camera/calibration_section.h"
@@ -17,9 +14,5 @@ CalibrationSection first_camera(const CalibrationSection& root);
 
 // Not validated. Throws InputError, also for lenses that are not supported: it names them and the way out.
 CameraModel read_lens(const CalibrationSection& section);
-
-// COLMAP's cameras.txt, a camera a line; the first is taken.
-bool is_colmap(const std::string& text);
-CameraModel read_colmap_lens(const std::string& text, const std::string& file, std::vector<std::string>* warnings);
 
 }  // namespace pptam::platform
