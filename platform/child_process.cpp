@@ -1,16 +1,20 @@
 #include "platform/child_process.h"
 
 #include <fcntl.h>
+#include <poll.h>
 #include <signal.h>
 #include <spawn.h>
+#include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <cerrno>
+#include <chrono>
 #include <cstring>
 #include <filesystem>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "platform/input_error.h"
@@ -22,6 +26,9 @@ namespace {
 
 constexpr size_t kErrorBytes = 2000;  // of stderr's end that errors() keeps
 constexpr int kErrorLines = 5;
+constexpr size_t kMaxChildLineBytes = 4096;
+constexpr int kLinesFd = 3;      // in the child
+constexpr int kFirstOwnFd = 10;  // ours lie above those that the child is given, also if this program began without
 
 void close_fd(int* fd) {
   if (*fd >= 0) ::close(*fd);
@@ -34,6 +41,57 @@ int wait_for(int pid) {
     if (errno != EINTR) return -1;
   }
   return status;
+}
+
+// The same, but the child is killed after the time given.
+int wait_for(int pid, std::chrono::seconds most) {
+  using Clock = std::chrono::steady_clock;
+  constexpr std::chrono::microseconds kLongestPause(20000);
+  const Clock::time_point end = Clock::now() + most;
+  for (std::chrono::microseconds pause(200); Clock::now() < end; pause = std::min(2 * pause, kLongestPause)) {
+    int status = 0;
+    const int ended = ::waitpid(pid, &status, WNOHANG);
+    if (ended == pid) return status;
+    if (ended < 0 && errno != EINTR) return -1;
+    std::this_thread::sleep_for(pause);
+  }
+  ::kill(pid, SIGKILL);
+  return wait_for(pid);
+}
+
+// False when nothing can be read or written for so long.
+bool wait_until_ready(int fd, short event, int most_s) {
+  pollfd one = {fd, event, 0};
+  for (;;) {
+    const int ready = ::poll(&one, 1, most_s * 1000);
+    if (ready >= 0 || errno != EINTR) return ready != 0;
+  }
+}
+
+void move_up(int* fd) {
+  const int moved = ::fcntl(*fd, F_DUPFD_CLOEXEC, kFirstOwnFd);
+  if (moved < 0) return;
+  ::close(*fd);
+  *fd = moved;
+}
+
+// ends[0] for reading, ends[1] for writing; ours never waits.
+bool open_pipe(int* ends, bool reading) {
+  if (::pipe2(ends, O_CLOEXEC) != 0) {
+    ends[0] = ends[1] = -1;
+    return false;
+  }
+  move_up(&ends[0]);
+  move_up(&ends[1]);
+  const int ours = reading ? ends[0] : ends[1];
+  return ::fcntl(ours, F_SETFL, ::fcntl(ours, F_GETFL) | O_NONBLOCK) == 0;
+}
+
+void limit(int pid, const ChildLimits& limits) {
+  const rlimit memory = {limits.memory_bytes, limits.memory_bytes};
+  const rlimit cpu = {static_cast<rlim_t>(limits.cpu_s), static_cast<rlim_t>(limits.cpu_s)};
+  if (limits.memory_bytes > 0) ::prlimit(pid, RLIMIT_DATA, &memory, nullptr);
+  if (limits.cpu_s > 0) ::prlimit(pid, RLIMIT_CPU, &cpu, nullptr);
 }
 
 // Readable and writable, already unlinked, closed on exec.
@@ -71,46 +129,54 @@ std::string last_lines(int fd) {
 
 }  // namespace
 
-ChildProcess::ChildProcess(const std::vector<std::string>& argv, Pipe pipe) {
-  const std::string& program = argv.at(0);
-  int ends[2];
+ChildProcess::ChildProcess(const std::vector<std::string>& argv, Pipe pipe, const ChildLimits& limits)
+    : program_(argv.at(0)), silence_s_(limits.silence_s), writing_(pipe == Pipe::kWriteStdin) {
+  const bool with_lines = pipe == Pipe::kReadStdoutAndLines;
+  int data[2] = {-1, -1};
+  int lines[2] = {-1, -1};
   stderr_fd_ = open_scratch_file();
-  if (stderr_fd_ < 0 || ::pipe2(ends, O_CLOEXEC) != 0) {
-    const std::string why = std::strerror(errno);
-    close_fd(&stderr_fd_);
-    throw InputError("cannot run " + program + ": no temporary file or pipe: " + why);
-  }
-  const bool reading = pipe == Pipe::kReadStdout;
-  int child_end = reading ? ends[1] : ends[0];
-  pipe_fd_ = reading ? ends[0] : ends[1];
-
-  posix_spawn_file_actions_t actions;
-  posix_spawn_file_actions_init(&actions);
-  const int piped = reading ? STDOUT_FILENO : STDIN_FILENO;
-  const int silent = reading ? STDIN_FILENO : STDOUT_FILENO;
-  posix_spawn_file_actions_adddup2(&actions, child_end, piped);
-  posix_spawn_file_actions_adddup2(&actions, stderr_fd_, STDERR_FILENO);
-  posix_spawn_file_actions_addopen(&actions, silent, "/dev/null", O_RDWR, 0);
-  std::vector<char*> arguments;
-  arguments.reserve(argv.size() + 1);
-  for (const std::string& word : argv) arguments.push_back(const_cast<char*>(word.c_str()));
-  arguments.push_back(nullptr);
+  if (stderr_fd_ >= 0) move_up(&stderr_fd_);
+  const bool ready = stderr_fd_ >= 0 && open_pipe(data, !writing_) && (!with_lines || open_pipe(lines, true));
+  const std::string why = std::strerror(errno);
+  pipe_fd_ = writing_ ? data[1] : data[0];
+  lines_fd_ = lines[0];
+  int child_end = writing_ ? data[0] : data[1];
+  int error = 0;
   pid_t pid = -1;
-  const int error = ::posix_spawnp(&pid, program.c_str(), &actions, nullptr, arguments.data(), environ);
-  posix_spawn_file_actions_destroy(&actions);
+  if (ready) {
+    posix_spawn_file_actions_t actions;
+    posix_spawn_file_actions_init(&actions);
+    const int piped = writing_ ? STDIN_FILENO : STDOUT_FILENO;
+    const int silent = writing_ ? STDOUT_FILENO : STDIN_FILENO;
+    posix_spawn_file_actions_adddup2(&actions, child_end, piped);
+    posix_spawn_file_actions_adddup2(&actions, stderr_fd_, STDERR_FILENO);
+    posix_spawn_file_actions_addopen(&actions, silent, "/dev/null", O_RDWR, 0);
+    if (with_lines) posix_spawn_file_actions_adddup2(&actions, lines[1], kLinesFd);
+    std::vector<char*> arguments;
+    arguments.reserve(argv.size() + 1);
+    for (const std::string& word : argv) arguments.push_back(const_cast<char*>(word.c_str()));
+    arguments.push_back(nullptr);
+    error = ::posix_spawnp(&pid, program_.c_str(), &actions, nullptr, arguments.data(), environ);
+    posix_spawn_file_actions_destroy(&actions);
+  }
   close_fd(&child_end);
-  if (error != 0) {
+  close_fd(&lines[1]);
+  if (!ready || error != 0) {
     close_fd(&pipe_fd_);
+    close_fd(&lines_fd_);
     close_fd(&stderr_fd_);
-    if (error != ENOENT) throw InputError("cannot run " + program + ": " + std::strerror(error));
-    const std::string package = program == "ffprobe" ? "ffmpeg" : program;
-    throw InputError("cannot run " + program + ": install it, on Debian with: apt install " + package);
+    if (!ready) throw InputError("cannot run " + program_ + ": no temporary file or pipe: " + why);
+    if (error != ENOENT) throw InputError("cannot run " + program_ + ": " + std::strerror(error));
+    const std::string package = program_ == "ffprobe" ? "ffmpeg" : program_;
+    throw InputError("cannot run " + program_ + ": install it, on Debian with: apt install " + package);
   }
   pid_ = pid;
+  limit(pid_, limits);
 }
 
 ChildProcess::~ChildProcess() {
   close_fd(&pipe_fd_);
+  close_fd(&lines_fd_);
   if (pid_ > 0) {
     ::kill(pid_, SIGKILL);
     wait_for(pid_);
@@ -118,15 +184,40 @@ ChildProcess::~ChildProcess() {
   close_fd(&stderr_fd_);
 }
 
+void ChildProcess::kill_silent_child() {
+  if (pid_ > 0) ::kill(pid_, SIGKILL);
+  close_fd(&pipe_fd_);
+  close_fd(&lines_fd_);
+  throw InputError(program_ + " gave nothing for " + std::to_string(silence_s_) + " seconds and was ended");
+}
+
 size_t ChildProcess::read(void* data, size_t bytes) {
   size_t done = 0;
   while (done < bytes && pipe_fd_ >= 0) {
     const ssize_t got = ::read(pipe_fd_, static_cast<char*>(data) + done, bytes - done);
     if (got == 0) break;
-    if (got < 0 && errno != EINTR) break;
     if (got > 0) done += static_cast<size_t>(got);
+    if (got < 0 && errno == EAGAIN && !wait_until_ready(pipe_fd_, POLLIN, silence_s_)) kill_silent_child();
+    if (got < 0 && errno != EINTR && errno != EAGAIN) break;
   }
   return done;
+}
+
+bool ChildProcess::read_line(std::string* line) {
+  size_t end = lines_.find('\n');
+  while (end == std::string::npos && lines_.size() <= kMaxChildLineBytes && lines_fd_ >= 0) {
+    char chunk[kMaxChildLineBytes];
+    const ssize_t got = ::read(lines_fd_, chunk, sizeof chunk);
+    if (got == 0) break;
+    if (got > 0) lines_.append(chunk, static_cast<size_t>(got));
+    if (got < 0 && errno == EAGAIN && !wait_until_ready(lines_fd_, POLLIN, silence_s_)) kill_silent_child();
+    if (got < 0 && errno != EINTR && errno != EAGAIN) break;
+    end = lines_.find('\n');
+  }
+  if (end == std::string::npos) return false;
+  line->assign(lines_, 0, end);
+  lines_.erase(0, end + 1);
+  return true;
 }
 
 bool ChildProcess::write(const void* data, size_t bytes) {
@@ -144,6 +235,8 @@ bool ChildProcess::write(const void* data, size_t bytes) {
     const ssize_t put = ::write(pipe_fd_, static_cast<const char*>(data) + done, bytes - done);
     if (put >= 0) {
       done += static_cast<size_t>(put);
+    } else if (errno == EAGAIN) {
+      broken = !wait_until_ready(pipe_fd_, POLLOUT, silence_s_);
     } else if (errno != EINTR) {
       broken = true;
       const timespec now = {0, 0};
@@ -156,8 +249,9 @@ bool ChildProcess::write(const void* data, size_t bytes) {
 
 int ChildProcess::finish() {
   close_fd(&pipe_fd_);
+  close_fd(&lines_fd_);
   if (pid_ <= 0) return -1;
-  const int status = wait_for(pid_);
+  const int status = wait_for(pid_, std::chrono::seconds(writing_ ? kMaxEndingS : silence_s_));
   pid_ = -1;
   errors_ = last_lines(stderr_fd_);
   return WIFSIGNALED(status) ? 128 + WTERMSIG(status) : WEXITSTATUS(status);

@@ -4,60 +4,178 @@
 #include <array>
 #include <charconv>
 #include <functional>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <utility>
 
+#include "platform/camera/frame_times.h"
 #include "platform/input_error.h"
 #include "platform/text_file.h"
-#include "platform/trajectory.h"
 
 namespace pptam::platform {
 namespace {
 
 namespace fs = std::filesystem;
 
-// "timestamp name" (TUM, seconds) or "timestamp,name" (EuRoC, nanoseconds), names relative to folder.
-std::vector<ImageEntry> read_list(const fs::path& list, const fs::path& folder, char separator) {
+bool is_folder(const fs::path& path) {
+  std::error_code ignored;
+  return fs::is_directory(path, ignored);
+}
+
+std::string extension_of(const fs::path& file) {
+  std::string extension = file.extension().string();
+  for (char& c : extension) {
+    if (c >= 'A' && c <= 'Z') c = static_cast<char>(c - 'A' + 'a');
+  }
+  return extension;
+}
+
+// The fields of a line: between commas if there are any, else between blanks; quotes around a field are taken off.
+std::vector<std::string> fields_of(std::string_view line) {
+  const bool commas = line.find(',') != std::string_view::npos;
+  const auto separates = [&](char c) { return commas ? c == ',' : c == ' ' || c == '\t'; };
+  std::vector<std::string> fields(1);
+  char quote = 0;
+  for (const char c : line) {
+    if (quote != 0 && c == quote) {
+      quote = 0;
+    } else if (quote == 0 && (c == '"' || c == '\'') && trimmed(fields.back()).empty()) {
+      quote = c;
+    } else if (quote == 0 && separates(c)) {
+      if (commas || !fields.back().empty()) fields.emplace_back();
+    } else {
+      fields.back().push_back(c);
+    }
+  }
+  for (std::string& field : fields) field = std::string(trimmed(field));
+  return fields;
+}
+
+struct ListedImage {
+  std::string stamp;
+  std::string name;
+};
+
+// "stamp name", also with further columns, as associations.txt has them (stamp rgb stamp depth): the first name that
+// ends like an image's, rather not the depth image. A name may hold blanks.
+ListedImage listed_image(std::string_view line) {
+  const std::vector<std::string> fields = fields_of(line);
+  const bool commas = line.find(',') != std::string_view::npos;
+  std::string stamp = fields[0];
+  std::string name;
+  ListedImage depth;
+  for (size_t i = 1; i < fields.size(); ++i) {
+    int64_t ignored = 0;
+    if (name.empty() && parse_stamp(fields[i], TimeUnit::kNanoseconds, &ignored)) {
+      if (!depth.name.empty()) stamp = fields[i];
+      continue;
+    }
+    name += (name.empty() ? "" : " ") + fields[i];
+    if (has_image_extension(fields[i])) {
+      if (name.find("depth") == std::string::npos) return {stamp, name};
+      if (depth.name.empty()) depth = {stamp, name};
+      name.clear();
+    } else if (commas) {
+      name.clear();
+    }
+  }
+  if (!depth.name.empty()) return depth;
+  // No name ends like an image's: all that follows the stamp is the name.
+  const size_t cut = std::min(line.find_first_of(" \t"), line.size());
+  if (fields.size() > 2 && !commas) return {fields[0], std::string(trimmed(line.substr(cut)))};
+  return {fields[0], fields.size() > 1 ? fields[1] : ""};
+}
+
+using WarnOfList = std::function<void(const std::string&)>;
+
+// Puts the images in the order of their times; without those whose time is not later than the one before.
+void stamp_images(std::vector<ImageEntry>* images, const std::vector<std::string>& stamps, TimeUnit documented,
+                  const std::string& where, const WarnOfList& warn) {
+  std::string remark;
+  const TimeUnit unit = recognised_unit(stamps, documented, &remark);
+  if (!remark.empty()) warn(where + ": " + remark);
+  std::vector<int64_t> stamps_ns(stamps.size());
+  for (size_t i = 0; i < stamps.size(); ++i) {
+    if (!parse_stamp(stamps[i], unit, &stamps_ns[i])) {
+      throw InputError(where + ": the timestamp " + stamps[i] + " is too large");
+    }
+  }
+  const std::vector<size_t> order = order_in_time(stamps_ns);
+  if (!std::is_sorted(order.begin(), order.end())) warn(where + ": is not in the order of its times: sorted");
+  FrameTimes times;
+  std::vector<ImageEntry> kept;
+  for (const size_t i : order) {
+    const std::optional<int64_t> time_ns = times.next(stamps_ns[i]);
+    if (time_ns) kept.push_back({std::move((*images)[i].file), *time_ns});
+  }
+  for (const std::string& line : times.remarks()) warn(where + ": " + line);
+  std::vector<int64_t> times_ns;
+  for (const ImageEntry& entry : kept) times_ns.push_back(entry.timestamp_ns);
+  if (in_bursts(times_ns)) {
+    warn(where + ": the times of these bursts are evened out");
+    times_ns = evened_out(times_ns);
+    if (std::adjacent_find(times_ns.begin(), times_ns.end(), std::greater_equal<>()) == times_ns.end()) {
+      for (size_t i = 0; i < kept.size(); ++i) kept[i].timestamp_ns = times_ns[i];
+    }
+  }
+  *images = std::move(kept);
+}
+
+// Stamps and names, which are relative to folder; a first line that is no such pair is taken for a header.
+std::vector<ImageEntry> read_list(const fs::path& list, const fs::path& folder, TimeUnit documented,
+                                  const WarnOfList& warn) {
   std::vector<ImageEntry> images;
+  std::vector<std::string> stamps;
+  bool first = true;
+  bool backslashes = false;
   for_each_line(list, [&](std::string_view line, const LineError& fail) {
-    const bool euroc = separator == ',';
-    const size_t cut = std::min(euroc ? line.find(',') : line.find_first_of(" \t"), line.size());
-    ImageEntry entry;
-    const std::string_view stamp = trimmed(line.substr(0, cut));
-    const bool good = euroc ? parse_integer(stamp, &entry.timestamp_ns) : parse_timestamp_s(stamp, &entry.timestamp_ns);
-    const std::string_view name = cut < line.size() ? trimmed(line.substr(cut + 1)) : std::string_view();
-    if (!good || name.empty()) {
-      fail(euroc ? "expected \"timestamp [ns],file name\"" : "expected \"timestamp [s] file name\"");
+    ListedImage image = listed_image(line);
+    int64_t ignored = 0;
+    const bool header = std::exchange(first, false) && !image.stamp.empty() && image.stamp[0] != '-' &&
+                        image.stamp.find_first_of("0123456789") == std::string::npos && !image.name.empty() &&
+                        !has_image_extension(image.name);
+    if (header) return;
+    // Any unit will do here: nanoseconds have the widest range.
+    if (!parse_stamp(image.stamp, TimeUnit::kNanoseconds, &ignored) || image.name.empty()) {
+      fail(documented == TimeUnit::kSeconds ? "expected \"timestamp [s] file name\""
+                                            : "expected \"timestamp [ns],file name\"");
     }
-    if (!images.empty() && entry.timestamp_ns <= images.back().timestamp_ns) {
-      fail("the timestamp is not later than the one before");
+    if (image.name.find('\\') != std::string::npos) {  // written on Windows
+      backslashes = true;
+      std::replace(image.name.begin(), image.name.end(), '\\', '/');
     }
-    entry.file = folder / name;
-    images.push_back(std::move(entry));
+    images.push_back({folder / image.name});
+    stamps.push_back(std::move(image.stamp));
   });
   if (images.empty()) throw InputError(list.string() + " lists no images");
+  if (backslashes) warn(list.string() + ": its names hold backslashes: read as slashes");
+  stamp_images(&images, stamps, documented, list.string(), warn);
   return images;
 }
 
-ImageList open_tum(const fs::path& list) {
+ImageList open_tum(const fs::path& list, const WarnOfList& warn) {
   ImageList result;
   const fs::path folder = list.parent_path();
-  result.images = read_list(list, folder, ' ');
-  result.has_timestamps = true;
+  const bool csv = extension_of(list) == ".csv";
+  result.images = read_list(list, folder, csv ? TimeUnit::kNanoseconds : TimeUnit::kSeconds, warn);
+  result.times = ImageTimes::kListed;
   if (fs::exists(folder / "groundtruth.txt")) result.ground_truth = {.tum = folder / "groundtruth.txt"};
   return result;
 }
-ImageList open_euroc(const fs::path& camera) {
+
+ImageList open_euroc(const fs::path& camera, const WarnOfList& warn) {
   ImageList result;
-  result.images = read_list(camera / "data.csv", camera / "data", ',');
-  result.has_timestamps = true;
+  const fs::path folder = is_folder(camera / "data") ? camera / "data" : camera;
+  result.images = read_list(camera / "data.csv", folder, TimeUnit::kNanoseconds, warn);
+  result.times = ImageTimes::kListed;
   const fs::path sensor = camera / "sensor.yaml";
   if (fs::exists(sensor)) result.calibration = sensor;
   const fs::path poses = fs::absolute(camera).lexically_normal().parent_path() / "state_groundtruth_estimate0/data.csv";
   if (fs::exists(poses)) result.ground_truth = {.euroc = poses, .euroc_sensor = sensor};
   return result;
 }
+
 bool is_digit(char c) {
   return c >= '0' && c <= '9';
 }
@@ -101,16 +219,117 @@ std::vector<std::string> file_names(const fs::path& folder) {
   return names;
 }
 
-ImageList open_image_folder(const fs::path& folder) {
+// The numbers by which images are named, if they are times: they have decimals, or the digits of a time since 1970, or
+// steps too large for a count. Empty when they are not. What is around the number is the same in all names.
+std::vector<std::string> times_in_names(const std::vector<std::string>& names, TimeUnit* unit) {
+  std::vector<std::string> numbers;
+  std::string around;
+  bool decimals = false;
+  for (const std::string& name : names) {
+    const std::string stem = fs::path(name).stem().string();
+    const size_t last = stem.find_last_of("0123456789");
+    if (last == std::string::npos) return {};
+    size_t begin = last;
+    bool point = false;
+    while (begin > 0 && (is_digit(stem[begin - 1]) ||
+                         (stem[begin - 1] == '.' && !point && begin > 1 && is_digit(stem[begin - 2])))) {
+      --begin;
+      point = point || stem[begin] == '.';
+    }
+    const std::string rest = stem.substr(0, begin) + '\n' + stem.substr(last + 1);
+    if (numbers.empty()) around = rest;
+    if (rest != around) return {};
+    numbers.push_back(stem.substr(begin, last + 1 - begin));
+    decimals = decimals || point;
+  }
+  *unit = TimeUnit::kSeconds;
+  if (numbers.size() < 2) return {};
+  std::vector<int64_t> values;
+  if (decimals) {  // unless it is a count after a point: shot1.0001
+    for (const std::string& number : numbers) {
+      int64_t value = 0;
+      if (!parse_stamp(number, *unit, &value)) return {};
+      values.push_back(value);
+    }
+    std::sort(values.begin(), values.end());
+    return is_plausible(values) ? numbers : std::vector<std::string>();
+  }
+  for (const std::string& number : numbers) {
+    int64_t value = 0;
+    if (!parse_integer(number, &value)) return {};
+    values.push_back(value);
+  }
+  std::sort(values.begin(), values.end());
+  std::vector<int64_t> steps;
+  for (size_t i = 1; i < values.size(); ++i) steps.push_back(values[i] - values[i - 1]);
+  std::nth_element(steps.begin(), steps.begin() + static_cast<ptrdiff_t>(steps.size() / 2), steps.end());
+  constexpr int64_t kSince1970S = 1000000000;  // 2001; times in milliseconds have three digits more, and so on
+  const int64_t value = values[values.size() / 2];
+  if (value >= kSince1970S) {
+    if (value / 1000 >= kSince1970S) *unit = TimeUnit::kMilliseconds;
+    if (value / 1000000 >= kSince1970S) *unit = TimeUnit::kMicroseconds;
+    if (value / 1000000000 >= kSince1970S) *unit = TimeUnit::kNanoseconds;
+    return numbers;
+  }
+  constexpr int64_t kLargestCount = 1000;  // from one image to the next: every 1000th frame of a film
+  if (steps[steps.size() / 2] <= kLargestCount) return {};
+  *unit = TimeUnit::kMicroseconds;
+  return numbers;
+}
+
+// KITTI's times.txt beside the folder: a line for each image, seconds.
+std::vector<std::string> times_beside(const fs::path& folder) {
+  const fs::path file = fs::absolute(folder / "").lexically_normal().parent_path().parent_path() / "times.txt";
+  std::error_code ignored;
+  std::vector<std::string> stamps;
+  if (!fs::is_regular_file(file, ignored)) return stamps;
+  for_each_line(file, [&](std::string_view line, const LineError&) { stamps.emplace_back(line); });
+  return stamps;
+}
+
+ImageList open_image_folder(const fs::path& folder, const WarnOfList& warn) {
   std::vector<std::string> names = file_names(folder);
   std::erase_if(names, [](const std::string& name) { return name[0] == '.' || !has_image_extension(name); });
   if (names.empty()) {
+    for (const char* inner : {"image_0", "rgb", "images", "image_00", "cam0", "data"}) {
+      if (is_folder(folder / inner)) {
+        throw InputError("folder " + folder.string() + " holds no images, but there is a folder in it: give " +
+                         (folder / inner).string());
+      }
+    }
     throw InputError("folder " + folder.string() +
                      " holds no images (png, jpg, pgm, ppm, bmp, tiff), no rgb.txt (TUM) and no mav0 (EuRoC)");
   }
   std::sort(names.begin(), names.end(), natural_less);
   ImageList result;
   for (const std::string& name : names) result.images.push_back({folder / name});
+
+  TimeUnit unit = TimeUnit::kSeconds;
+  const std::vector<std::string> beside = times_beside(folder);
+  const std::vector<std::string> named = times_in_names(names, &unit);
+  if (!beside.empty() && beside.size() == names.size()) {
+    const fs::path file = fs::absolute(folder / "").lexically_normal().parent_path().parent_path() / "times.txt";
+    stamp_images(&result.images, beside, unit, file.string(), warn);
+    result.times = ImageTimes::kListed;
+  } else if (!named.empty()) {
+    // In natural order 1.1 comes before 1.07; as numbers they are sorted here, which is nothing to warn of.
+    std::vector<std::pair<int64_t, size_t>> order;
+    for (size_t i = 0; i < named.size(); ++i) {
+      int64_t value = 0;
+      if (!parse_stamp(named[i], unit, &value)) throw InputError(names[i] + ": the number in its name is too large");
+      order.emplace_back(value, i);
+    }
+    std::sort(order.begin(), order.end());
+    std::vector<std::string> stamps;
+    std::vector<ImageEntry> images;
+    for (const auto& [value, i] : order) {
+      stamps.push_back(named[i]);
+      images.push_back(result.images[i]);
+    }
+    stamp_images(&images, stamps, unit, "folder " + folder.string() + ", named by time", warn);
+    result.images = std::move(images);
+    result.times = ImageTimes::kNamed;
+  }
   return result;
 }
 
@@ -160,34 +379,33 @@ ImageList open_pattern(const fs::path& pattern) {
   }
   return result;
 }
-bool is_folder(const fs::path& path) {
-  std::error_code ignored;
-  return fs::is_directory(path, ignored);
-}
-
 }  // namespace
 
-ImageList list_images(const fs::path& source) {
+ImageList list_images(const fs::path& source, std::vector<std::string>* warnings) {
+  const WarnOfList warn = [&](const std::string& text) {
+    if (warnings) warnings->push_back(text);
+  };
   if (is_folder(source)) {
-    if (fs::exists(source / "rgb.txt")) return open_tum(source / "rgb.txt");
+    if (fs::exists(source / "rgb.txt")) return open_tum(source / "rgb.txt", warn);
     for (const fs::path& camera : {source / "mav0/cam0", source / "cam0", source}) {
-      if (fs::exists(camera / "data.csv")) return open_euroc(camera);
+      if (fs::exists(camera / "data.csv")) return open_euroc(camera, warn);
     }
-    return open_image_folder(source);
+    return open_image_folder(source, warn);
   }
   if (!fs::exists(source)) return open_pattern(source);
-  if (source.extension() == ".txt") return open_tum(source);
+  if (is_list(source)) return open_tum(source, warn);
   ImageList single;
   single.images.push_back({source});
   return single;
 }
+
+bool is_list(const fs::path& file) {
+  return extension_of(file) == ".txt" || extension_of(file) == ".csv";
+}
+
 bool has_image_extension(const fs::path& file) {
-  std::string extension = file.extension().string();
-  for (char& c : extension) {
-    if (c >= 'A' && c <= 'Z') c = static_cast<char>(c - 'A' + 'a');
-  }
   constexpr std::array kExtensions = {".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".pnm", ".pbm", ".bmp", ".tif", ".tiff"};
-  return std::find(kExtensions.begin(), kExtensions.end(), extension) != kExtensions.end();
+  return std::find(kExtensions.begin(), kExtensions.end(), extension_of(file)) != kExtensions.end();
 }
 
 }  // namespace pptam::platform

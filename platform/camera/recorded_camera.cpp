@@ -9,6 +9,7 @@
 
 #include <pocket_ptam/clock.h>
 #include "platform/camera/calibration.h"
+#include "platform/camera/frame_times.h"
 #include "platform/camera/frame_transform.h"
 #include "platform/camera/ground_truth.h"
 #include "platform/camera/image_files.h"
@@ -21,6 +22,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr double kNsPerS = 1e9;
+constexpr double kMaxAspectError = 0.05;  // of pixels, between file and calibration; calibrations are better than 1 %
 
 bool is_folder(const fs::path& path) {
   std::error_code ignored;
@@ -46,6 +48,9 @@ class Source {
  public:
   virtual ~Source() = default;
   virtual bool read(GreyPixels* image, int64_t* timestamp_ns) = 0;
+  // How the first image says that it wants to be shown.
+  virtual DisplayNote display() const = 0;
+  virtual std::vector<std::string> remarks() const = 0;
 };
 
 class ImageSource : public Source {
@@ -55,17 +60,28 @@ class ImageSource : public Source {
   bool read(GreyPixels* image, int64_t* timestamp_ns) override {
     if (next_ == images_.size()) return false;
     const ImageEntry& entry = images_[next_];
-    *image = read_image(entry.file);
+    ImageNotes notes;
+    *image = read_image(entry.file, &notes);
     if (next_ == 0) {
       width_ = image->width;
       height_ = image->height;
+      display_ = notes.display;
     } else if (image->width != width_ || image->height != height_) {
       throw InputError("image " + entry.file.string() + " is " + size_text(image->width, image->height) +
                        ", but the first one is " + size_text(width_, height_));
     }
+    if (notes.display.rotate_degrees != display_.rotate_degrees && turned_.empty()) turned_ = entry.file.string();
+    if (!notes.dark.empty() && dark_.empty()) dark_ = notes.dark;
     *timestamp_ns = entry.timestamp_ns;
     ++next_;
     return true;
+  }
+  DisplayNote display() const override { return display_; }
+  std::vector<std::string> remarks() const override {
+    std::vector<std::string> lines;
+    if (!turned_.empty()) lines.push_back("image " + turned_ + " is noted as turned otherwise than the first one");
+    if (!dark_.empty()) lines.push_back(dark_);
+    return lines;
   }
 
  private:
@@ -73,29 +89,49 @@ class ImageSource : public Source {
   size_t next_ = 0;
   int width_ = 0;
   int height_ = 0;
+  DisplayNote display_;
+  std::string turned_;  // the first image that is noted as turned otherwise
+  std::string dark_;    // the first warning of that kind
 };
 
 class VideoSource : public Source {
  public:
-  VideoSource(std::unique_ptr<VideoFile> video, double fps, int every)
-      : video_(std::move(video)), fps_(fps), every_(every) {}
+  // fps of 0: the frames' own times, from 0 for the first one.
+  VideoSource(std::unique_ptr<VideoFile> video, std::string name, double fps, int every)
+      : video_(std::move(video)), name_(std::move(name)), fps_(fps), every_(every) {}
 
   bool read(GreyPixels* image, int64_t* timestamp_ns) override {
-    for (int skip = next_ == 0 ? 0 : every_ - 1; skip > 0; --skip) {
-      if (!video_->read(image)) return false;
-      ++next_;
+    for (;;) {
+      int64_t stamp_ns = 0;
+      if (!video_->read(image, &stamp_ns)) return false;
+      const size_t index = times_.accepted();
+      if (index == 0) first_ns_ = stamp_ns;
+      if (fps_ > 0) stamp_ns = timestamp_of(index, fps_);
+      const std::optional<int64_t> time_ns =
+          times_.next(fps_ > 0 ? stamp_ns : saturated_difference(stamp_ns, first_ns_));
+      if (!time_ns || index % every_ != 0) continue;
+      *timestamp_ns = *time_ns;
+      return true;
     }
-    if (!video_->read(image)) return false;
-    *timestamp_ns = timestamp_of(next_, fps_);
-    ++next_;
-    return true;
+  }
+  DisplayNote display() const override { return video_->display(); }
+  std::vector<std::string> remarks() const override {
+    std::vector<std::string> lines = video_->remarks();
+    const bool from_file = fps_ == 0 && video_->has_times();
+    if (from_file) {
+      for (const std::string& line : times_.remarks()) lines.push_back(line);
+    }
+    for (std::string& line : lines) line = name_ + ": " + line;
+    return lines;
   }
 
  private:
   std::unique_ptr<VideoFile> video_;
+  std::string name_;
   double fps_;
-  int every_;
-  size_t next_ = 0;  // index of the video's next frame
+  size_t every_;
+  FrameTimes times_;
+  int64_t first_ns_ = 0;
 };
 
 // ---- The camera --------------------------------------------------------------------------------------------------
@@ -115,11 +151,27 @@ class RecordedCamera : public Camera {
   Trajectory ground_truth() const override { return ground_truth_; }
 
   bool read(Frame* frame) override {
-    if (!first_waits_ && !source_->read(&image_, &timestamp_ns_)) return false;
+    if (!first_waits_) {
+      std::swap(image_, before_);
+      if (!source_->read(&image_, &timestamp_ns_)) return false;
+      if (image_.px == before_.px) ++repeats_;
+    }
     first_waits_ = false;
+    ++frames_;
     const GreyView view = transform_.apply(image_.view());
     *frame = {view.data, view.width, view.height, view.stride, PixelFormat::kGrey, timestamp_ns_};
     return true;
+  }
+
+  std::vector<std::string> remarks() const override {
+    std::vector<std::string> lines = source_->remarks();
+    if (repeats_ > 0 && repeats_ == frames_ - 1) {
+      lines.push_back(info_.name + ": all " + std::to_string(frames_) + " frames are the same image, bit for bit");
+    } else if (repeats_ > 0) {
+      lines.push_back(info_.name + ": " + std::to_string(repeats_) + " of " + std::to_string(frames_) +
+                      " frames repeat the one before bit for bit: a recorder that stalled, or a converted frame rate");
+    }
+    return lines;
   }
 
  private:
@@ -127,9 +179,12 @@ class RecordedCamera : public Camera {
   FrameTransform transform_;
   CameraInfo info_;
   Trajectory ground_truth_;
-  GreyPixels image_;  // of the source
+  GreyPixels image_;   // of the source
+  GreyPixels before_;  // the one before
   int64_t timestamp_ns_;
   bool first_waits_ = true;  // open_recording() has read it, for its size
+  size_t frames_ = 0;
+  size_t repeats_ = 0;
 };
 
 void check(const RecordingOptions& options) {
@@ -153,12 +208,9 @@ std::string name_of(const fs::path& source) {
 }
 
 double median_fps(const std::vector<ImageEntry>& images) {
-  std::vector<int64_t> steps_ns;
-  for (size_t i = 1; i < images.size(); ++i)
-    steps_ns.push_back(saturated_difference(images[i].timestamp_ns, images[i - 1].timestamp_ns));
-  if (steps_ns.empty()) return kDefaultFps;
-  std::sort(steps_ns.begin(), steps_ns.end());
-  return kNsPerS / static_cast<double>(steps_ns[steps_ns.size() / 2]);
+  FrameTimes times;
+  for (const ImageEntry& image : images) times.next(image.timestamp_ns);
+  return times.frames_per_s() > 0 ? times.frames_per_s() : kDefaultFps;
 }
 
 RollingShutter source_shutter(const RollingShutter& calibrated, const RecordingOptions& options, int width,
@@ -173,69 +225,157 @@ RollingShutter source_shutter(const RollingShutter& calibrated, const RecordingO
   return shutter;
 }
 
-std::unique_ptr<Camera> open(const RecordingOptions& options, const std::function<void(const std::string&)>& warn,
-                             std::vector<std::string>* warnings) {
+using Warn = std::function<void(const std::string&)>;
+
+std::string number_text(double value) {
+  char digits[32] = {};
+  std::to_chars(digits, digits + sizeof digits - 1, value, std::chars_format::general, 4);
+  return digits;
+}
+
+std::string turn_text(const DisplayNote& note) {
+  return "rotation by " + std::to_string(note.rotate_degrees) + " degrees";
+}
+
+// Images are tracked as they are stored, unless the user turns them.
+void warn_of_display(const DisplayNote& note, int rotate_degrees, const std::string& name, const Warn& warn) {
+  if (note.mirrored) {
+    warn(name + " is noted to be shown mirrored: its images are taken as they are stored, and if those are mirrored " +
+         "the map is so too");
+  }
+  if (note.rotate_degrees == rotate_degrees || note.mirrored) return;
+  const std::string degrees = std::to_string(note.rotate_degrees);
+  if (rotate_degrees == 0) {
+    warn(name + ": the " + turn_text(note) + " noted in the file is not applied: add --rotate " + degrees +
+         " if wanted");
+  } else if (note.rotate_degrees != 0) {
+    warn(name + ": --rotate " + std::to_string(rotate_degrees) + " is given, the file notes " + degrees);
+  }
+}
+
+// The calibration of the stored images. One whose size fits only the turned images is theirs, as OpenCV makes it: it
+// turns images by what the file notes.
+Calibration stored_calibration(Calibration calibration, const RecordingOptions& options, const fs::path& file,
+                               const GreyPixels& first, const DisplayNote& note, const Warn& warn) {
+  const int width = calibration.model.width;
+  const int height = calibration.model.height;
+  const bool fits = width == first.width && height == first.height;
+  const bool fits_turned = width == first.height && height == first.width;
+  const int rotate = options.rotate_degrees;
+  if (fits && (rotate == 180 || (rotate != 0 && fits_turned) || (rotate == 0 && note.rotate_degrees == 180) ||
+               (rotate == 0 && note.rotate_degrees != 0 && fits_turned))) {
+    warn("calibration " + file.string() + ": taken as that of the images as stored, before they are turned");
+  }
+  if (fits) return calibration;
+  if (!fits_turned || rotate % 180 == 0) {
+    std::string remedy = "calibrate at that size";
+    if (fits_turned) {
+      const std::string degrees = note.rotate_degrees % 180 != 0 ? std::to_string(note.rotate_degrees) : "90 or 270";
+      remedy = "it fits the turned images, add --rotate " + degrees;
+    }
+    throw InputError("calibration " + file.string() + " is for images of " + size_text(width, height) +
+                     ", but those of " + options.source.string() + " are " + size_text(first.width, first.height) +
+                     ": " + remedy);
+  }
+  const FrameTransform back(width, height, 360 - rotate, 0, 0);
+  calibration.model = back.model(calibration.model);
+  calibration.shutter = back.shutter(calibration.shutter);
+  return calibration;
+}
+
+// The source, its images' times and what came with it.
+struct Opened {
+  std::unique_ptr<Source> source;
+  double frames_per_s = 0;
+  std::optional<int> frame_count;
+  GroundTruthFile ground_truth;
+  fs::path calibration;
+  double pixel_aspect = 1;
+};
+
+Opened open_video(const RecordingOptions& options, std::vector<std::string>* warnings, const Warn& warn) {
+  Opened opened;
+  auto video = std::make_unique<VideoFile>(options.source, warnings);
+  const std::string name = "video " + options.source.string();
+  if (!video->has_times() && options.fps == 0) {
+    warn(name + " is a raw " + video->container() + " stream, which holds no times: assuming " +
+         number_text(video->frames_per_s()) + " frames/s; give the true rate with --fps");
+  }
+  const double fps = options.fps > 0 ? options.fps : video->frames_per_s();
+  if (video->frame_count()) opened.frame_count = (*video->frame_count() + options.every - 1) / options.every;
+  opened.frames_per_s = fps / options.every;
+  opened.pixel_aspect = video->pixel_aspect();
+  opened.source = std::make_unique<VideoSource>(std::move(video), name, options.fps, options.every);
+  return opened;
+}
+
+Opened open_images(const RecordingOptions& options, std::vector<std::string>* warnings, const Warn& warn) {
+  Opened opened;
+  ImageList list = list_images(options.source, warnings);
+  const bool timed = list.times == ImageTimes::kListed || (list.times == ImageTimes::kNamed && options.fps == 0);
+  if (timed && options.fps > 0) warn("the recording has timestamps: the given frame rate is ignored");
+  if (!timed && options.fps == 0 && list.images.size() > 1) {
+    warn("the images of " + options.source.string() + " come without times: assuming " + number_text(kDefaultFps) +
+         " frames/s; give the true rate with --fps");
+  }
+  const double fps = options.fps > 0 ? options.fps : kDefaultFps;
+  std::vector<ImageEntry> kept;
+  for (size_t i = 0; i < list.images.size(); i += static_cast<size_t>(options.every)) {
+    kept.push_back(list.images[i]);
+    if (!timed) kept.back().timestamp_ns = timestamp_of(i, fps);
+  }
+  opened.frame_count = static_cast<int>(kept.size());
+  opened.frames_per_s = timed ? median_fps(kept) : fps / options.every;
+  opened.source = std::make_unique<ImageSource>(std::move(kept));
+  opened.ground_truth = list.ground_truth;
+  opened.calibration = list.calibration;
+  return opened;
+}
+
+std::unique_ptr<Camera> open(const RecordingOptions& options, const Warn& warn, std::vector<std::string>* warnings) {
   check(options);
   const fs::path& source_path = options.source;
   const bool exists = fs::exists(source_path);
   if (!exists && source_path.filename().string().find('%') == std::string::npos) {
     throw InputError("recording " + source_path.string() + ": there is no such file or folder");
   }
-  const bool is_video =
-      exists && is_file(source_path) && !has_image_extension(source_path) && source_path.extension() != ".txt";
   if (exists && !is_folder(source_path) && !is_file(source_path)) {
     throw InputError("recording " + source_path.string() + " is neither a folder nor a regular file");
   }
-
+  const bool is_video = exists && is_file(source_path) && !has_image_extension(source_path) && !is_list(source_path);
+  Opened opened = is_video ? open_video(options, warnings, warn) : open_images(options, warnings, warn);
   CameraInfo info;
   info.name = name_of(source_path);
-  const auto every = static_cast<size_t>(options.every);
-  std::unique_ptr<Source> source;
-  Trajectory ground_truth;
-  fs::path calibration_path = options.calibration;
-  if (is_video) {
-    auto video = std::make_unique<VideoFile>(source_path, warnings);
-    const double fps = options.fps > 0 ? options.fps : video->frames_per_s();
-    if (video->frame_count()) info.frame_count = (*video->frame_count() + options.every - 1) / options.every;
-    info.frames_per_s = fps / options.every;
-    source = std::make_unique<VideoSource>(std::move(video), fps, options.every);
-  } else {
-    ImageList list = list_images(source_path);
-    if (list.has_timestamps && options.fps > 0) warn("the recording has timestamps: the given frame rate is ignored");
-    const double fps = options.fps > 0 ? options.fps : kDefaultFps;
-    std::vector<ImageEntry> kept;
-    for (size_t i = 0; i < list.images.size(); i += every) {
-      kept.push_back(list.images[i]);
-      if (!list.has_timestamps) kept.back().timestamp_ns = timestamp_of(i, fps);
-    }
-    info.frame_count = static_cast<int>(kept.size());
-    info.frames_per_s = list.has_timestamps ? median_fps(kept) : fps / options.every;
-    source = std::make_unique<ImageSource>(std::move(kept));
-    ground_truth = read_ground_truth(list.ground_truth);
-    if (calibration_path.empty()) calibration_path = list.calibration;
-  }
+  info.frame_count = opened.frame_count;
+  info.frames_per_s = opened.frames_per_s;
+  Trajectory ground_truth = read_ground_truth(opened.ground_truth);
+  const fs::path calibration_path = options.calibration.empty() ? opened.calibration : options.calibration;
 
   if (calibration_path.empty() && options.fov_degrees == 0) {
     throw InputError("no calibration for " + source_path.string() + ": give --calibration FILE or --fov DEGREES");
   }
   GreyPixels first;
   int64_t first_timestamp_ns = 0;
-  if (!source->read(&first, &first_timestamp_ns)) throw InputError(source_path.string() + " holds no images");
+  if (!opened.source->read(&first, &first_timestamp_ns)) throw InputError(source_path.string() + " holds no images");
+  const DisplayNote note = opened.source->display();
+  warn_of_display(note, options.rotate_degrees, (is_video ? "video " : "") + source_path.string(), warn);
 
   Calibration calibration;
+  const std::string aspect = number_text(opened.pixel_aspect) + " times as wide as high";
   if (calibration_path.empty()) {
     calibration = guess_calibration(first.width, first.height, options.fov_degrees);
-    char degrees[32] = {};
-    std::to_chars(degrees, degrees + sizeof degrees - 1, options.fov_degrees, std::chars_format::general, 4);
-    warn(std::string("no calibration: assuming a field of view of ") + degrees + " degrees and no distortion");
+    calibration.model.fy *= static_cast<float>(opened.pixel_aspect);
+    warn("no calibration: assuming a field of view of " + number_text(options.fov_degrees) +
+         (opened.pixel_aspect == 1 ? " degrees and no distortion"
+                                   : " degrees, no distortion, and pixels " + aspect + " as the file says"));
   } else {
-    calibration = read_calibration(calibration_path, warnings);
+    calibration =
+        stored_calibration(read_calibration(calibration_path, warnings), options, calibration_path, first, note, warn);
     if (options.fov_degrees != 0) warn("a calibration is there: the given field of view is ignored");
-    const CameraModel& model = calibration.model;
-    if (model.width != first.width || model.height != first.height) {
-      throw InputError("calibration " + calibration_path.string() + " is for images of " +
-                       size_text(model.width, model.height) + ", but those of " + source_path.string() + " are " +
-                       size_text(first.width, first.height) + ": calibrate at that size");
+    const double calibrated = static_cast<double>(calibration.model.fy / calibration.model.fx);
+    if (opened.pixel_aspect != 1 && std::abs(calibrated / opened.pixel_aspect - 1) > kMaxAspectError) {
+      warn("the file says that its pixels are " + aspect + ", calibration " + calibration_path.string() + " says " +
+           number_text(calibrated) + ", which is taken");
     }
   }
 
@@ -248,14 +388,14 @@ std::unique_ptr<Camera> open(const RecordingOptions& options, const std::functio
   info.shutter = transform.shutter(source_shutter(calibration.shutter, options, first.width, first.height));
   info.exposure_s = calibration.exposure_s;
   for (StampedPose& pose : ground_truth) pose.T_wc.linear() = pose.T_wc.linear() * transform.rotation().transpose();
-  return std::make_unique<RecordedCamera>(std::move(source), std::move(transform), std::move(info),
+  return std::make_unique<RecordedCamera>(std::move(opened.source), std::move(transform), std::move(info),
                                           std::move(ground_truth), std::move(first), first_timestamp_ns);
 }
 
 }  // namespace
 
 std::unique_ptr<Camera> open_recording(const RecordingOptions& options, std::vector<std::string>* warnings) {
-  const auto warn = [&](const std::string& text) {
+  const Warn warn = [&](const std::string& text) {
     if (warnings) warnings->push_back(text);
   };
   try {

@@ -1,6 +1,7 @@
 // Recorded sequences as cameras: TUM RGB-D folders, EuRoC folders, folders and lists of images, video files.
 //
-// Images without timestamps are evenly spaced in time, from 0. Frames of a video are so too, at its mean frame rate.
+// Frames have the times of the list, of their names or of the video, whose first frame is at 0. Images and raw streams
+// that carry no times are evenly spaced from 0, and a warning says so.
 #pragma once
 
 #include <filesystem>
@@ -13,7 +14,8 @@ namespace pptam::platform {
 
 // What the user said about a recording; everything else is read from the source.
 struct RecordingOptions {
-  // A folder (TUM with rgb.txt; EuRoC, also its mav0 or cam0; or images, in natural order), a list like TUM's rgb.txt,
+  // A folder (TUM with rgb.txt; EuRoC, also its mav0 or cam0; or images, by the times they are named by or in natural
+  // order), a list like TUM's rgb.txt or EuRoC's data.csv,
   // an image pattern with one %d or %0Nd, or a video file. EuRoC's sensor.yaml is used when no calibration is given.
   std::filesystem::path source;
   std::filesystem::path calibration;  // empty: fov_degrees is used
@@ -21,7 +23,7 @@ struct RecordingOptions {
   int resize_width = 0;               // after rotation; 0: keep
   int resize_height = 0;
   int every = 1;           // keep one frame of so many
-  double fps = 0;          // of the source, for images without timestamps (default 30); overrides a video's
+  double fps = 0;          // of the source, for images without timestamps (default 30); overrides a video's, and names'
   int rotate_degrees = 0;  // clockwise: 0, 90, 180, 270
   // Rolling shutter of the source image, before rotation and resizing; overrides the calibration's.
   std::optional<RollingShutter::Axis> readout_axis;

@@ -1,9 +1,12 @@
 // A video file as grey frames, decoded by the programs ffprobe and ffmpeg in processes of their own.
 //
 // Frames come as they are stored: none are doubled or dropped to even out the frame rate, and a rotation noted in the
-// file is not applied (a warning names it), so that a calibration of the stored images fits.
+// file is not applied, so that a calibration of the stored images fits. With each frame comes its own time; ffmpeg
+// tells it through a pipe of its own while it decodes. Only common containers and raw streams are opened, never
+// playlists, and nothing but the file itself.
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <memory>
 #include <optional>
@@ -25,21 +28,41 @@ class VideoFile {
 
   int width() const { return width_; }
   int height() const { return height_; }
-  double frames_per_s() const { return frames_per_s_; }
+  double frames_per_s() const { return frames_per_s_; }            // on average, or assumed
   std::optional<int> frame_count() const { return frame_count_; }  // that the container promises
+  bool has_times() const { return has_times_; }                    // false for raw streams such as .h264
+  const std::string& container() const { return container_; }      // as ffmpeg calls it
+  const DisplayNote& display() const { return display_; }
+  double pixel_aspect() const { return pixel_aspect_; }  // width of a pixel by its height
 
-  // False at the end. Throws InputError after the last good frame when the file is truncated or corrupt.
-  bool read(GreyPixels* image);
+  // False at the end. stamp_ns is the frame's time in the file, from any origin; without times, and for a frame that
+  // has none, it follows from the average rate. Throws InputError after the last good frame when the file is truncated
+  // or corrupt, or the decoder stands still.
+  bool read(GreyPixels* image, int64_t* stamp_ns);
+  // About the frames read so far.
+  std::vector<std::string> remarks() const;
 
  private:
+  void read_probe(const std::filesystem::path& file, std::vector<std::string>* warnings);
+  int64_t next_stamp();
   void check_end(size_t bytes_of_last_frame);
 
   std::string name_;
+  std::string container_;
   int width_ = 0;
   int height_ = 0;
   double frames_per_s_ = 0;
+  double duration_s_ = 0;  // of the images, as the container says; 0: unknown
   std::optional<int> frame_count_;
+  bool has_times_ = true;
+  DisplayNote display_;
+  double pixel_aspect_ = 1;
   int frames_read_ = 0;
+  int64_t first_ns_ = 0;
+  int64_t last_ns_ = 0;
+  int untimed_ = 0;                        // frames without a time
+  int format_change_ = 0;                  // the first frame of another size or format, counted from 1; 0: none
+  std::string damage_;                     // that ffmpeg reported though all frames came
   std::unique_ptr<ChildProcess> decoder_;  // null once the end is reached
 };
 
