@@ -128,7 +128,9 @@ void add_recording_options(CLI::App* command, RecordingInput* input) {
   command->add_option("--every", input->options.every, "Keep one frame of so many")
       ->capture_default_str()
       ->type_name("N");
-  command->add_option("--fps", input->options.fps, "Frames per second of images without timestamps [30]")
+  command
+      ->add_option("--fps", input->options.fps,
+                   "Frames per second of images and raw streams without times [30, 25]; overrides a video's")
       ->type_name("N");
   command->add_option("--rotate", input->options.rotate_degrees, "Clockwise: 0, 90, 180 or 270")
       ->capture_default_str()

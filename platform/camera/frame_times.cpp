@@ -25,6 +25,7 @@ constexpr double kGapShare = 0.1;        // of all steps; where more are that lo
 constexpr size_t kBurstSpan = 8;         // steps whose mean tells the rate though frames come in bursts
 constexpr double kShortStep = 0.25;      // of that mean: within a burst, and
 constexpr double kBurstShare = 0.2;      // of the steps, from which on the stamps are those of arrival
+constexpr ptrdiff_t kMinPauses = 3;      // between bursts: fewer are gaps
 constexpr size_t kMaxMixedSteps = 2;     // steps that sorting may shorten: a swapped pair, not two clocks
 
 constexpr std::array kUnits = {TimeUnit::kSeconds, TimeUnit::kMilliseconds, TimeUnit::kMicroseconds,
@@ -63,7 +64,10 @@ Pace pace_of(const std::vector<int64_t>& times_ns) {
   }
   const double mean = middle(means);
   const auto short_steps = std::count_if(steps.begin(), steps.end(), [&](double s) { return s < kShortStep * mean; });
-  if (static_cast<double>(short_steps) > kBurstShare * static_cast<double>(steps.size())) pace = {mean, true};
+  const auto long_steps = static_cast<ptrdiff_t>(steps.size()) - short_steps;
+  const bool pauses_recur = long_steps * static_cast<ptrdiff_t>(kBurstSpan + 1) >= static_cast<ptrdiff_t>(steps.size());
+  const bool many_short = static_cast<double>(short_steps) > kBurstShare * static_cast<double>(steps.size());
+  if (many_short && pauses_recur && long_steps >= kMinPauses) pace = {mean, true};
   return pace;
 }
 
@@ -71,7 +75,7 @@ std::string rate_text(double usual_s) {
   return usual_s > 0 ? format("%.3g frames/s", 1 / usual_s) : "endlessly many frames/s";
 }
 
-// All of them rising, as far as they can be read; false when one cannot.
+// All of them sorted, each once; false when one cannot be read, or they differ by less than can be told.
 bool read_stamps(const std::vector<std::string>& stamps, TimeUnit unit, std::vector<int64_t>* times_ns) {
   times_ns->clear();
   for (const std::string& text : stamps) {
@@ -81,7 +85,7 @@ bool read_stamps(const std::vector<std::string>& stamps, TimeUnit unit, std::vec
   }
   std::sort(times_ns->begin(), times_ns->end());
   times_ns->erase(std::unique(times_ns->begin(), times_ns->end()), times_ns->end());
-  return true;
+  return times_ns->size() >= 2 || stamps.size() < 2;
 }
 
 // Between 2001 and 2100, as times since 1970.
