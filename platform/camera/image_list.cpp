@@ -45,7 +45,7 @@ ImageList open_tum(const fs::path& list) {
   const fs::path folder = list.parent_path();
   result.images = read_list(list, folder, ' ');
   result.has_timestamps = true;
-  if (fs::exists(folder / "groundtruth.txt")) result.ground_truth = {.tum = folder / "groundtruth.txt"};
+  result.ground_truth = find_tum_ground_truth(folder);
   return result;
 }
 ImageList open_euroc(const fs::path& camera) {
@@ -54,8 +54,7 @@ ImageList open_euroc(const fs::path& camera) {
   result.has_timestamps = true;
   const fs::path sensor = camera / "sensor.yaml";
   if (fs::exists(sensor)) result.calibration = sensor;
-  const fs::path poses = fs::absolute(camera).lexically_normal().parent_path() / "state_groundtruth_estimate0/data.csv";
-  if (fs::exists(poses)) result.ground_truth = {.euroc = poses, .euroc_sensor = sensor};
+  result.ground_truth = find_euroc_ground_truth(camera);
   return result;
 }
 bool is_digit(char c) {

@@ -210,8 +210,9 @@ std::unique_ptr<Camera> open(const RecordingOptions& options, const std::functio
     }
     info.frame_count = static_cast<int>(kept.size());
     info.frames_per_s = list.has_timestamps ? median_fps(kept) : fps / options.every;
+    ground_truth =
+        read_ground_truth(list.ground_truth, {kept.front().timestamp_ns, kept.back().timestamp_ns}, warnings);
     source = std::make_unique<ImageSource>(std::move(kept));
-    ground_truth = read_ground_truth(list.ground_truth);
     if (calibration_path.empty()) calibration_path = list.calibration;
   }
 
