@@ -18,9 +18,10 @@ struct StampedPose {
 using Trajectory = std::vector<StampedPose>;  // increasing timestamps
 
 // Comments (#) and blank lines are skipped. Throws InputError naming file and line on anything else: a missing file,
-// too few numbers, a quaternion that is none, KITTI's matrices. What can be mended is, with a line in warnings: a
-// header line without #, poses of NaN or with a quaternion of zeros (trackers write them when they are lost; left out),
-// doubled (the first stays) and unordered time stamps (sorted). Without warnings (null) these are errors too.
+// too few numbers, a quaternion that is none, KITTI's matrices, more than 300000 poses. What can be mended is, with a
+// line in warnings: a header line without #, poses of NaN or with a quaternion of zeros (trackers write them when they
+// are lost; left out), doubled (the first stays) and unordered time stamps (sorted). Without warnings (null) these are
+// errors too.
 Trajectory read_tum_trajectory(const std::filesystem::path& file, std::vector<std::string>* warnings = nullptr);
 
 // As above, two that are to be compared. Stamps that are milliseconds, microseconds or nanoseconds are recognised by

@@ -41,8 +41,9 @@ int compare(const Files& files) {
   tell();
   const Evaluation evaluation = evaluate(read.estimate, read.truth, files.estimate, files.truth);
   if (evaluation.poses.size() < kFewPoses) {
-    warnings.push_back(format("%s: only %zu poses are compared: the alignment fits them too well, errors are larger",
-                              files.truth.c_str(), evaluation.poses.size()));
+    warnings.push_back(
+        format("%s: only %zu poses can be compared: an alignment fits so few too well, true errors are larger",
+               files.truth.c_str(), evaluation.poses.size()));
   }
   tell();
   std::vector<SummaryRow> rows = {{"poses", compared_poses(evaluation)}};
