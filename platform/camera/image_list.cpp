@@ -160,7 +160,7 @@ ImageList open_tum(const fs::path& list, const WarnOfList& warn) {
   const bool csv = extension_of(list) == ".csv";
   result.images = read_list(list, folder, csv ? TimeUnit::kNanoseconds : TimeUnit::kSeconds, warn);
   result.times = ImageTimes::kListed;
-  if (fs::exists(folder / "groundtruth.txt")) result.ground_truth = {.tum = folder / "groundtruth.txt"};
+  result.ground_truth = find_tum_ground_truth(folder);
   return result;
 }
 
@@ -171,8 +171,7 @@ ImageList open_euroc(const fs::path& camera, const WarnOfList& warn) {
   result.times = ImageTimes::kListed;
   const fs::path sensor = camera / "sensor.yaml";
   if (fs::exists(sensor)) result.calibration = sensor;
-  const fs::path poses = fs::absolute(camera).lexically_normal().parent_path() / "state_groundtruth_estimate0/data.csv";
-  if (fs::exists(poses)) result.ground_truth = {.euroc = poses, .euroc_sensor = sensor};
+  result.ground_truth = find_euroc_ground_truth(camera);
   return result;
 }
 

@@ -288,7 +288,7 @@ struct Opened {
   std::unique_ptr<Source> source;
   double frames_per_s = 0;
   std::optional<int> frame_count;
-  GroundTruthFile ground_truth;
+  Trajectory ground_truth;
   fs::path calibration;
   double pixel_aspect = 1;
 };
@@ -326,8 +326,9 @@ Opened open_images(const RecordingOptions& options, std::vector<std::string>* wa
   }
   opened.frame_count = static_cast<int>(kept.size());
   opened.frames_per_s = timed ? median_fps(kept) : fps / options.every;
+  opened.ground_truth =
+      read_ground_truth(list.ground_truth, {kept.front().timestamp_ns, kept.back().timestamp_ns}, warnings);
   opened.source = std::make_unique<ImageSource>(std::move(kept));
-  opened.ground_truth = list.ground_truth;
   opened.calibration = list.calibration;
   return opened;
 }
@@ -348,7 +349,7 @@ std::unique_ptr<Camera> open(const RecordingOptions& options, const Warn& warn, 
   info.name = name_of(source_path);
   info.frame_count = opened.frame_count;
   info.frames_per_s = opened.frames_per_s;
-  Trajectory ground_truth = read_ground_truth(opened.ground_truth);
+  Trajectory ground_truth = std::move(opened.ground_truth);
   const fs::path calibration_path = options.calibration.empty() ? opened.calibration : options.calibration;
 
   if (calibration_path.empty() && options.fov_degrees == 0) {

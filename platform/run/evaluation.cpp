@@ -3,12 +3,15 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <limits>
 #include <numbers>
+#include <optional>
 #include <random>
 
 #include <pocket_ptam/clock.h>
 #include "platform/input_error.h"
 #include "platform/run/statistics.h"
+#include "platform/text.h"
 
 namespace pptam::platform {
 namespace {
@@ -18,6 +21,11 @@ using Eigen::Vector3d;
 
 constexpr double kDegrees = 180 / std::numbers::pi;
 constexpr size_t kMinPoses = 3;  // a similarity has 7 unknowns, three positions give 9 equations
+// A hand that accelerates by 2 m/s2 leaves the chord by a h^2 / 8 = 6 mm within 0.15 s: no more than what it moves, at
+// 0.3 m/s, within the 0.02 s that are allowed between two poses taken for one.
+constexpr int64_t kMaxInterpolatedNs = 150'000'000;
+constexpr int64_t kMaxTimeDifferenceNs = 20'000'000;
+constexpr double kMaxCoordinate = 1e15;  // a light day in millimetres; squares and products stay far from overflow
 
 // From one pose to a later one; a trajectory's timestamps may lie anywhere.
 int64_t elapsed_ns(const auto& from, const auto& to) {
@@ -40,25 +48,46 @@ double median_interval_s(const Trajectory& trajectory) {
   return median(intervals);
 }
 
-std::vector<AssociatedPose> associate(const Trajectory& estimate, const Trajectory& truth) {
-  const int64_t max_difference_ns = std::llround(1e9 * std::max(0.02, 0.5 * median_interval_s(truth)));
+const StampedPose* first_not_before(const Trajectory& trajectory, int64_t timestamp_ns) {
+  const auto found = std::lower_bound(trajectory.begin(), trajectory.end(), timestamp_ns,
+                                      [](const StampedPose& a, int64_t t) { return a.timestamp_ns < t; });
+  return trajectory.data() + (found - trajectory.begin());
+}
+
+// Between the two neighbours in time when they are close enough, else the nearest within kMaxTimeDifferenceNs.
+std::optional<Eigen::Isometry3d> pose_at(const Trajectory& trajectory, int64_t timestamp_ns) {
+  const StampedPose* after = first_not_before(trajectory, timestamp_ns);
+  const StampedPose* end = trajectory.data() + trajectory.size();
+  if (after != end && after->timestamp_ns == timestamp_ns) return after->T_wc;
+  const StampedPose* before = after == trajectory.data() ? nullptr : after - 1;
+  if (after != end && before != nullptr && elapsed_ns(*before, *after) <= kMaxInterpolatedNs) {
+    const double share = static_cast<double>(timestamp_ns - before->timestamp_ns) /
+                         static_cast<double>(after->timestamp_ns - before->timestamp_ns);
+    const Eigen::Quaterniond q(before->T_wc.linear());
+    Eigen::Isometry3d T_wc = Eigen::Isometry3d::Identity();
+    T_wc.linear() = q.slerp(share, Eigen::Quaterniond(after->T_wc.linear())).normalized().toRotationMatrix();
+    T_wc.translation() = (1 - share) * before->T_wc.translation() + share * after->T_wc.translation();
+    return T_wc;
+  }
+  const StampedPose* nearest = after != end ? after : before;
+  if (after != end && before != nullptr &&
+      distance_ns(before->timestamp_ns, timestamp_ns) < distance_ns(after->timestamp_ns, timestamp_ns)) {
+    nearest = before;
+  }
+  if (nearest == nullptr || distance_ns(nearest->timestamp_ns, timestamp_ns) > kMaxTimeDifferenceNs) return {};
+  return nearest->T_wc;
+}
+
+// The sparser of the two keeps its times; the other one is interpolated.
+std::vector<AssociatedPose> associate(const Trajectory& estimate, const Trajectory& truth, bool at_truth_times) {
   std::vector<AssociatedPose> poses;
-  for (const StampedPose& pose : estimate) {
-    auto after = std::lower_bound(truth.begin(), truth.end(), pose.timestamp_ns,
-                                  [](const StampedPose& a, int64_t t) { return a.timestamp_ns < t; });
-    const StampedPose* nearest = nullptr;
-    if (after != truth.end()) nearest = &*after;
-    if (after != truth.begin()) {
-      const StampedPose& before = *std::prev(after);
-      if (nearest == nullptr || elapsed_ns(before, pose) < elapsed_ns(pose, *nearest)) {
-        nearest = &before;
-      }
-    }
-    if (nearest == nullptr || distance_ns(nearest->timestamp_ns, pose.timestamp_ns) > max_difference_ns) continue;
+  for (const StampedPose& pose : at_truth_times ? truth : estimate) {
+    const std::optional<Eigen::Isometry3d> other = pose_at(at_truth_times ? estimate : truth, pose.timestamp_ns);
+    if (!other) continue;
     AssociatedPose associated;
     associated.timestamp_ns = pose.timestamp_ns;
-    associated.T_wc = pose.T_wc;
-    associated.truth_T_wc = nearest->T_wc;
+    associated.T_wc = at_truth_times ? *other : pose.T_wc;
+    associated.truth_T_wc = at_truth_times ? pose.T_wc : *other;
     poses.push_back(associated);
   }
   return poses;
@@ -101,11 +130,21 @@ std::vector<AssociatedPose> spread_poses(const std::vector<AssociatedPose>& pose
   return spread.size() >= kMinPoses ? spread : poses;
 }
 
+// Every so-manieth, so that what is tried hundreds of times takes seconds for hours of poses.
+std::vector<AssociatedPose> thinned(const std::vector<AssociatedPose>& poses) {
+  constexpr size_t kEnough = 20'000;  // 11 minutes at 30 per second, of which none is left out
+  std::vector<AssociatedPose> some;
+  const size_t step = 1 + (poses.size() - 1) / kEnough;
+  for (size_t i = 0; i < poses.size(); i += step) some.push_back(poses[i]);
+  return some;
+}
+
 // Least median of squares over triples, then least squares over what lies within 3 sigma of it, until that settles.
 // Holds as long as more than half of the poses are right.
 Similarity fit_robustly(const std::vector<AssociatedPose>& poses, const Similarity& start) {
   constexpr int kTriples = 300;  // with 40 % of wrong poses one triple in five is clean
   constexpr int kRefits = 10;
+  if (poses.size() < kFewPoses) return start;  // some three of them agree by chance with half of the others
   Similarity best = start;
   double best_median = median(position_errors(poses, start));
   std::mt19937 random(1);  // a fixed seed: equal input, equal answer
@@ -184,7 +223,8 @@ void measure_relative_motion(double scale, Evaluation* e) {
   for (size_t i = 1; i < e->poses.size(); ++i) {
     intervals.push_back(static_cast<double>(elapsed_ns(e->poses[i - 1], e->poses[i])));
   }
-  const auto tolerance_ns = static_cast<int64_t>(0.5 * median(intervals));  // beyond it, the pose itself is missing
+  // Beyond half an interval the pose itself is missing; beyond a tenth of the step it is not a second any more.
+  const auto tolerance_ns = static_cast<int64_t>(std::min(0.5 * median(intervals), 0.1 * kStepNs));
   double translation_sq = 0;
   double rotation_sq = 0;
   size_t j = 0;
@@ -224,6 +264,100 @@ double covered_fraction(const Trajectory& estimate, const Trajectory& truth) {
   return covered / span;
 }
 
+// How far the estimate goes between two times, in its own unit, by steps of at least 0.1 s: those of single frames
+// would add up noise. Nothing where it has gaps. Longer steps than longest_step are jumps, not motion.
+constexpr int64_t kPathStepNs = 100'000'000;
+std::optional<double> path_between(const Trajectory& estimate, int64_t from_ns, int64_t to_ns, double longest_step) {
+  const std::optional<Eigen::Isometry3d> begin = pose_at(estimate, from_ns);
+  const std::optional<Eigen::Isometry3d> end = pose_at(estimate, to_ns);
+  if (!begin || !end) return {};
+  double length = 0;
+  StampedPose last = {from_ns, *begin};
+  int64_t seen_ns = from_ns;
+  const auto go_to = [&](const StampedPose& pose) {
+    const double step = (pose.T_wc.translation() - last.T_wc.translation()).norm();
+    if (step <= longest_step) length += step;
+    last = pose;
+  };
+  for (const StampedPose* pose = first_not_before(estimate, from_ns);
+       pose != estimate.data() + estimate.size() && pose->timestamp_ns < to_ns; ++pose) {
+    if (saturated_difference(pose->timestamp_ns, seen_ns) > kMaxInterpolatedNs) return {};
+    seen_ns = pose->timestamp_ns;
+    if (elapsed_ns(last, *pose) >= kPathStepNs) go_to(*pose);
+  }
+  if (saturated_difference(to_ns, seen_ns) > kMaxInterpolatedNs) return {};
+  go_to({to_ns, *end});
+  return length;
+}
+
+// Three times what nine tenths of the estimate's steps stay below.
+double longest_step_of(const Trajectory& estimate) {
+  std::vector<double> steps;
+  const StampedPose* last = estimate.data();
+  for (const StampedPose& pose : estimate) {
+    const int64_t elapsed = elapsed_ns(*last, pose);
+    if (elapsed < kPathStepNs) continue;
+    if (elapsed <= kPathStepNs + kMaxInterpolatedNs) {
+      steps.push_back((pose.T_wc.translation() - last->T_wc.translation()).norm());
+    }
+    last = &pose;
+  }
+  return steps.empty() ? 0 : 3 * percentile(std::move(steps), 0.9);
+}
+
+// Of the truth from the first to the last associated pose. Chords cut a sparse truth's path short: there the estimate
+// says how far it went, where it is right.
+double path_length(const Evaluation& e, const Trajectory& estimate, const Trajectory& truth) {
+  double length = 0;
+  double longest_step = -1;
+  const auto right_at = [&](int64_t timestamp_ns) {
+    const auto found = std::lower_bound(e.poses.begin(), e.poses.end(), timestamp_ns,
+                                        [](const AssociatedPose& a, int64_t t) { return a.timestamp_ns < t; });
+    return found != e.poses.end() && found->timestamp_ns == timestamp_ns && !found->wrong;
+  };
+  for (size_t i = 1; i < truth.size(); ++i) {
+    const StampedPose& from = truth[i - 1];
+    const StampedPose& to = truth[i];
+    // Half a millisecond of slack keeps the ends that were associated with slightly different times.
+    constexpr int64_t kSlackNs = 500'000;
+    if (saturated_sum(from.timestamp_ns, kSlackNs) < e.poses.front().timestamp_ns) continue;
+    if (saturated_difference(to.timestamp_ns, kSlackNs) > e.poses.back().timestamp_ns) break;
+    double step = (to.T_wc.translation() - from.T_wc.translation()).norm();
+    if (e.at_truth_times && elapsed_ns(from, to) > kMaxInterpolatedNs && right_at(from.timestamp_ns) &&
+        right_at(to.timestamp_ns)) {
+      if (longest_step < 0) longest_step = longest_step_of(estimate);
+      const std::optional<double> estimated = path_between(estimate, from.timestamp_ns, to.timestamp_ns, longest_step);
+      step = std::max(step, e.robust_alignment.scale * estimated.value_or(0));
+    }
+    length += step;
+  }
+  return std::max(length, e.extent);
+}
+
+void check_numbers(const Trajectory& trajectory, const std::string& name) {
+  for (const StampedPose& pose : trajectory) {
+    if (!pose.T_wc.matrix().allFinite() || pose.T_wc.translation().cwiseAbs().maxCoeff() > kMaxCoordinate) {
+      throw InputError(name + format(": the pose at %.6f s is not finite or farther than 1e15 from the origin",
+                                     1e-9 * static_cast<double>(pose.timestamp_ns)));
+    }
+  }
+}
+
+std::string span_text(const Trajectory& trajectory) {
+  return format("from %.3f to %.3f s", 1e-9 * static_cast<double>(trajectory.front().timestamp_ns),
+                1e-9 * static_cast<double>(trajectory.back().timestamp_ns));
+}
+
+[[noreturn]] void refuse_times(const Trajectory& estimate, const Trajectory& truth, const std::string& estimate_name,
+                               const std::string& truth_name) {
+  const bool apart = estimate.back().timestamp_ns < truth.front().timestamp_ns ||
+                     truth.back().timestamp_ns < estimate.front().timestamp_ns;
+  throw InputError(estimate_name + " runs " + span_text(estimate) + ", " + truth_name + " " + span_text(truth) +
+                   ": no pose lies within 0.02 s of one of the other, " +
+                   (apart ? "the two must count time from the same origin, in seconds"
+                          : "and neither has them close enough, 0.15 s, to interpolate"));
+}
+
 }  // namespace
 
 Evaluation evaluate(const Trajectory& estimate, const Trajectory& truth, const std::string& estimate_name,
@@ -231,12 +365,15 @@ Evaluation evaluate(const Trajectory& estimate, const Trajectory& truth, const s
   if (truth.empty()) throw InputError(truth_name + ": holds no poses, nothing to compare with");
   if (estimate.empty()) throw InputError(estimate_name + ": holds no poses, nothing to evaluate");
   Evaluation e;
+  check_numbers(estimate, estimate_name);
+  check_numbers(truth, truth_name);
   e.estimate_poses = static_cast<int>(estimate.size());
-  e.poses = associate(estimate, truth);
-  if (e.poses.empty()) {
-    throw InputError(estimate_name + ": no pose lies within 0.02 s of one in " + truth_name +
-                     "; the two must count time from the same origin, in seconds");
-  }
+  e.truth_poses = static_cast<int>(truth.size());
+  constexpr double kSparser =
+      1.5;  // times the interval: frames that were dropped do not make the truth the sparser one
+  e.at_truth_times = median_interval_s(truth) > kSparser * median_interval_s(estimate);
+  e.poses = associate(estimate, truth, e.at_truth_times);
+  if (e.poses.empty()) refuse_times(estimate, truth, estimate_name, truth_name);
   if (e.poses.size() < kMinPoses) {
     throw InputError(estimate_name + ": only " + std::to_string(e.poses.size()) + " poses match " + truth_name +
                      " in time, an alignment needs at least " + std::to_string(kMinPoses));
@@ -258,15 +395,6 @@ Evaluation evaluate(const Trajectory& estimate, const Trajectory& truth, const s
   if ((estimate_high - estimate_low).norm() < kNoMotion) {
     throw InputError(estimate_name + ": the camera does not move, no scale");
   }
-  const auto truth_position = [&](size_t i) { return truth[i].T_wc.translation(); };
-  for (size_t i = 1; i < truth.size(); ++i) {
-    // Half a millisecond of slack keeps the ends that were associated with slightly different times.
-    constexpr int64_t kSlackNs = 500'000;
-    if (saturated_sum(truth[i - 1].timestamp_ns, kSlackNs) < e.poses.front().timestamp_ns) continue;
-    if (saturated_difference(truth[i].timestamp_ns, kSlackNs) > e.poses.back().timestamp_ns) break;
-    e.path_length += (truth_position(i) - truth_position(i - 1)).norm();
-  }
-  e.path_length = std::max(e.path_length, e.extent);
 
   std::vector<size_t> all(e.poses.size());
   for (size_t i = 0; i < all.size(); ++i) all[i] = i;
@@ -283,9 +411,9 @@ Evaluation evaluate(const Trajectory& estimate, const Trajectory& truth, const s
   e.ate_median = median(errors);
   e.covered_fraction = covered_fraction(estimate, truth);
 
-  e.robust_alignment = fit_robustly(spread_poses(e.poses, e.extent), e.alignment);
+  e.robust_alignment = fit_robustly(thinned(spread_poses(e.poses, e.extent)), e.alignment);
   const std::vector<double> robust_errors = position_errors(e.poses, e.robust_alignment);
-  const Matrix3d world_rotation = robust_world_rotation(e.poses);
+  const Matrix3d world_rotation = robust_world_rotation(thinned(e.poses));
   for (size_t i = 0; i < e.poses.size(); ++i) {
     AssociatedPose& pose = e.poses[i];
     const double rotation_deg = angle_deg(pose.truth_T_wc.linear().transpose() * world_rotation * pose.T_wc.linear());
@@ -294,7 +422,12 @@ Evaluation evaluate(const Trajectory& estimate, const Trajectory& truth, const s
   }
   e.wrong_fraction = static_cast<double>(e.wrong_poses) / static_cast<double>(e.poses.size());
   e.vertical_error_deg = kDegrees * std::atan2(world_rotation.col(2).head<2>().norm(), world_rotation(2, 2));
+  e.path_length = path_length(e, estimate, truth);
   measure_relative_motion(e.robust_alignment.scale, &e);
+  if (!std::isfinite(e.ate_percent()) || !std::isfinite(e.relative_translation) ||
+      !std::isfinite(e.vertical_error_deg)) {
+    throw InputError(estimate_name + " and " + truth_name + ": no alignment of the two gives finite numbers");
+  }
   return e;
 }
 

@@ -193,8 +193,9 @@ std::string plot_trajectories(const Evaluation& e, const Trajectory& truth) {
   for (size_t i = 0; i < e.poses.size(); ++i) {
     const AssociatedPose& pose = e.poses[i];
     const Vector3d p = e.robust_alignment * pose.T_wc.translation();
-    constexpr int64_t kGapNs = 500'000'000;  // where tracking was lost the line breaks
-    if (i > 0 && saturated_difference(pose.timestamp_ns, e.poses[i - 1].timestamp_ns) > kGapNs) right += "\n";
+    // Where tracking was lost the line breaks; a sparse truth has few poses.
+    const int64_t gap_ns = e.at_truth_times ? 5'000'000'000 : 500'000'000;
+    if (i > 0 && saturated_difference(pose.timestamp_ns, e.poses[i - 1].timestamp_ns) > gap_ns) right += "\n";
     append_row(&right, p, 0);
     if (pose.wrong) append_row(&wrong, p, 0);
   }
