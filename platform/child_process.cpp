@@ -156,7 +156,17 @@ ChildProcess::ChildProcess(const std::vector<std::string>& argv, Pipe pipe, cons
     arguments.reserve(argv.size() + 1);
     for (const std::string& word : argv) arguments.push_back(const_cast<char*>(word.c_str()));
     arguments.push_back(nullptr);
-    error = ::posix_spawnp(&pid, program_.c_str(), &actions, nullptr, arguments.data(), environ);
+    // A process group of its own: a Ctrl-C on the terminal is ours to answer, a video that is being encoded goes on.
+    posix_spawnattr_t attributes;
+    posix_spawnattr_init(&attributes);
+    sigset_t defaults;
+    sigemptyset(&defaults);
+    sigaddset(&defaults, SIGPIPE);
+    posix_spawnattr_setsigdefault(&attributes, &defaults);
+    posix_spawnattr_setpgroup(&attributes, 0);
+    posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETPGROUP | POSIX_SPAWN_SETSIGDEF);
+    error = ::posix_spawnp(&pid, program_.c_str(), &actions, &attributes, arguments.data(), environ);
+    posix_spawnattr_destroy(&attributes);
     posix_spawn_file_actions_destroy(&actions);
   }
   close_fd(&child_end);

@@ -5,10 +5,12 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cerrno>
 #include <cstdio>
+#include <cstdlib>
 #include <cstring>
-#include <fstream>
+#include <random>
 #include <string>
 
 #include "platform/input_error.h"
@@ -18,48 +20,30 @@ namespace {
 
 constexpr size_t kChunkBytes = 64 * 1024;
 
-// Closes and removes what was begun, unless it is kept.
-class Draft {
- public:
-  Draft(std::string path, FileOperations& operations) : path_(std::move(path)), operations_(operations) {
-    fd_ = operations_.open(path_.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
-    begun_ = fd_ >= 0;
-  }
-  ~Draft() {
-    if (fd_ >= 0) operations_.close(fd_);
-    if (begun_) operations_.unlink(path_.c_str());
-  }
-  Draft(const Draft&) = delete;
-  Draft& operator=(const Draft&) = delete;
+// ---- Drafts that a handler of signals can remove -----------------------------------------------------------------
 
-  // Each false with errno set.
-  bool begun() const { return begun_; }
-  bool write(std::span<const std::byte> content) {
-    while (!content.empty()) {
-      const ssize_t written = operations_.write(fd_, content.data(), std::min(content.size(), kChunkBytes));
-      if (written < 0 && errno == EINTR) continue;
-      if (written <= 0) return false;
-      content = content.subspan(static_cast<size_t>(written));
+// At once in one process; further ones are left behind by a signal.
+constexpr size_t kMaxKnownDrafts = 64;
+std::atomic<char*> known_drafts[kMaxKnownDrafts];
+
+void remember_draft(const std::string& path) {
+  char* copy = ::strdup(path.c_str());
+  for (std::atomic<char*>& slot : known_drafts) {
+    char* none = nullptr;
+    if (copy != nullptr && slot.compare_exchange_strong(none, copy)) return;
+  }
+  std::free(copy);
+}
+
+void forget_draft(const std::string& path) {
+  for (std::atomic<char*>& slot : known_drafts) {
+    char* known = slot.load();
+    if (known != nullptr && path == known && slot.compare_exchange_strong(known, nullptr)) {
+      std::free(known);
+      return;
     }
-    return operations_.fsync(fd_) == 0;
   }
-  bool close() {
-    const int fd = fd_;
-    fd_ = -1;
-    return operations_.close(fd) == 0;
-  }
-  bool rename_to(const std::string& file) {
-    if (operations_.rename(path_.c_str(), file.c_str()) != 0) return false;
-    begun_ = false;
-    return true;
-  }
-
- private:
-  std::string path_;
-  FileOperations& operations_;
-  int fd_ = -1;
-  bool begun_ = false;  // there is a file to remove
-};
+}
 
 bool sync_folder(const std::string& folder, FileOperations& operations) {
   const int fd = operations.open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC, 0);
@@ -79,6 +63,9 @@ int FileOperations::open(const char* path, int flags, mode_t mode) {
 ssize_t FileOperations::write(int fd, const void* data, size_t bytes) {
   return ::write(fd, data, bytes);
 }
+int FileOperations::fchmod(int fd, mode_t mode) {
+  return ::fchmod(fd, mode);
+}
 int FileOperations::fsync(int fd) {
   return ::fsync(fd);
 }
@@ -92,40 +79,76 @@ int FileOperations::unlink(const char* path) {
   return ::unlink(path);
 }
 
-void write_atomically(const std::filesystem::path& file, std::span<const std::byte> content,
-                      FileOperations* operations) {
-  FileOperations system;
-  FileOperations& calls = operations ? *operations : system;
+Draft::Draft(const std::filesystem::path& file, FileOperations* operations)
+    : name_(file), target_(file), calls_(operations ? *operations : system_) {
   std::error_code error;
-  std::filesystem::path target = file;
   if (std::filesystem::is_symlink(file, error)) {
-    target = std::filesystem::weakly_canonical(file, error);
+    target_ = std::filesystem::weakly_canonical(file, error);
     if (error) throw InputError(file.string() + ": cannot be written: " + error.message());
   }
-  if (std::filesystem::exists(target, error) && !std::filesystem::is_regular_file(target, error))
+  if (std::filesystem::exists(target_, error) && !std::filesystem::is_regular_file(target_, error))
     throw InputError(file.string() + ": cannot be written, there is something that is not a file");
-  const std::filesystem::path parent = target.parent_path();
-  const std::string folder = parent.empty() ? "." : parent.string();
-  const auto require = [&](bool done) {
-    if (!done) throw InputError(file.string() + ": cannot be written: " + std::strerror(errno));
-  };
-  Draft draft(target.string() + "." + std::to_string(::getpid()) + ".tmp", calls);
-  require(draft.begun());
-  require(draft.write(content));
-  require(draft.close());
-  require(draft.rename_to(target.string()));
-  require(sync_folder(folder, calls));
+  std::random_device random;
+  do {
+    char name[48];
+    std::snprintf(name, sizeof name, ".pocket-ptam-%08x%08x.tmp", random(), random());
+    path_ = target_.parent_path() / name;
+    fd_ = calls_.open(path_.c_str(), O_RDWR | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0666);
+  } while (fd_ < 0 && errno == EEXIST);
+  require(fd_ >= 0);
+  there_ = true;
+  remember_draft(path_.string());
+}
+
+Draft::~Draft() {
+  if (fd_ >= 0) calls_.close(fd_);
+  if (!there_) return;
+  calls_.unlink(path_.c_str());
+  forget_draft(path_.string());
+}
+
+void Draft::require(bool done) const {
+  if (!done) throw InputError(name_.string() + ": cannot be written: " + std::strerror(errno));
+}
+
+void Draft::write(std::span<const std::byte> content) {
+  while (!content.empty()) {
+    const ssize_t written = calls_.write(fd_, content.data(), std::min(content.size(), kChunkBytes));
+    if (written < 0 && errno == EINTR) continue;
+    require(written > 0);
+    content = content.subspan(static_cast<size_t>(written));
+  }
+}
+
+void Draft::keep() {
+  struct stat old = {};
+  if (::stat(target_.c_str(), &old) == 0) require(calls_.fchmod(fd_, old.st_mode & 0777) == 0);
+  require(calls_.fsync(fd_) == 0);
+  const int fd = fd_;
+  fd_ = -1;
+  require(calls_.close(fd) == 0);
+  require(calls_.rename(path_.c_str(), target_.c_str()) == 0);
+  there_ = false;
+  forget_draft(path_.string());
+  const std::filesystem::path parent = target_.parent_path();
+  require(sync_folder(parent.empty() ? "." : parent.string(), calls_));
+}
+
+void remove_drafts() noexcept {
+  for (const std::atomic<char*>& slot : known_drafts) {
+    if (const char* path = slot.load()) ::unlink(path);
+  }
+}
+
+void write_atomically(const std::filesystem::path& file, std::span<const std::byte> content,
+                      FileOperations* operations) {
+  Draft draft(file, operations);
+  draft.write(content);
+  draft.keep();
 }
 
 void write_text_atomically(const std::filesystem::path& file, std::string_view content) {
   write_atomically(file, std::as_bytes(std::span(content)));
-}
-
-void write_text(const std::filesystem::path& file, std::string_view content) {
-  std::ofstream out(file, std::ios::binary);
-  out << content;
-  out.close();
-  if (!out) throw InputError(file.string() + ": cannot be written");
 }
 
 void make_folder(const std::filesystem::path& folder, const std::string& option) {

@@ -4,6 +4,7 @@
 #include <sys/types.h>
 
 #include <cstddef>
+#include <cstdint>
 #include <filesystem>
 #include <span>
 #include <string>
@@ -18,22 +19,50 @@ class FileOperations {
   virtual ~FileOperations() = default;
   virtual int open(const char* path, int flags, mode_t mode);
   virtual ssize_t write(int fd, const void* data, size_t bytes);
+  virtual int fchmod(int fd, mode_t mode);
   virtual int fsync(int fd);
   virtual int close(int fd);
   virtual int rename(const char* from, const char* to);
   virtual int unlink(const char* path);
 };
 
-// Writes a file of another name beside it, makes it durable, and renames it; a symbolic link is followed. When this
-// fails the old file is as it was. Throws InputError naming the file.
+// A file of a random name beside the one that it shall become; removed with the object unless it was kept. Others may
+// write to path() meanwhile, such as an encoder. All throw InputError naming the later file, which is as it was then.
+class Draft {
+ public:
+  // A symbolic link at the later name is followed, and stays. The draft itself is new for certain: whatever lies at its
+  // name, a planted link too, is not opened.
+  explicit Draft(const std::filesystem::path& file, FileOperations* operations = nullptr);
+  ~Draft();
+  Draft(const Draft&) = delete;
+  Draft& operator=(const Draft&) = delete;
+
+  const std::filesystem::path& path() const { return path_; }
+  void write(std::span<const std::byte> content);
+  // Makes it durable and renames it, in one step for all who look. It takes the permissions of the file replaced.
+  void keep();
+
+ private:
+  void require(bool done) const;  // errno says why not
+
+  std::filesystem::path name_;    // as given, for messages
+  std::filesystem::path target_;  // links resolved
+  std::filesystem::path path_;
+  FileOperations system_;
+  FileOperations& calls_;
+  int fd_ = -1;
+  bool there_ = false;  // there is a draft to remove
+};
+
+// For a handler of signals that end the process: removes all drafts that are being written.
+void remove_drafts() noexcept;
+
+// By a draft. When this fails the old file is as it was. Throws InputError naming the file.
 void write_atomically(const std::filesystem::path& file, std::span<const std::byte> content,
                       FileOperations* operations = nullptr);
 
 // The same with text.
 void write_text_atomically(const std::filesystem::path& file, std::string_view content);
-
-// For results that can be made again: an older file is overwritten. Throws InputError naming the file.
-void write_text(const std::filesystem::path& file, std::string_view content);
 
 // With all folders above it; it may be there already. Throws InputError naming it, after the option that named it.
 void make_folder(const std::filesystem::path& folder, const std::string& option = "");

@@ -12,6 +12,7 @@
 #include <system_error>
 #include <utility>
 
+#include "platform/files.h"
 #include "platform/input_error.h"
 #include "platform/text.h"
 #include "platform/text_file.h"
@@ -481,26 +482,29 @@ Trajectory read_euroc_trajectory(const std::filesystem::path& file, std::vector<
   return in_order(read_rows(file, QuaternionOrder::kWFirst, warnings), 0, warnings);
 }
 
-void write_tum_trajectory(const std::filesystem::path& file, const Trajectory& trajectory, const std::string& header) {
-  std::ofstream stream(file, std::ios::binary);
+std::string tum_text(const Trajectory& trajectory, const std::string& header) {
+  std::string text;
   if (!header.empty()) {
     std::string one_line = header;
     for (char& c : one_line) {
       if (c == '\n' || c == '\r') c = ' ';
     }
-    stream << "# " << one_line << '\n';
+    text += "# " + one_line + "\n";
   }
   for (const StampedPose& pose : trajectory) {
     Eigen::Quaterniond q(pose.T_wc.linear());
     q.normalize();
     if (q.w() < 0) q.coeffs() = -q.coeffs();
     const Eigen::Vector3d t = pose.T_wc.translation();
-    std::string line = timestamp_text(pose.timestamp_ns);
-    for (const double number : {t.x(), t.y(), t.z(), q.x(), q.y(), q.z(), q.w()}) append_number(&line, number);
-    stream << line << '\n';
+    text += timestamp_text(pose.timestamp_ns);
+    for (const double number : {t.x(), t.y(), t.z(), q.x(), q.y(), q.z(), q.w()}) append_number(&text, number);
+    text += '\n';
   }
-  stream.close();
-  if (!stream) throw InputError("cannot write " + file.string() + ": check that the folder exists and has space");
+  return text;
+}
+
+void write_tum_trajectory(const std::filesystem::path& file, const Trajectory& trajectory, const std::string& header) {
+  write_text_atomically(file, tum_text(trajectory, header));
 }
 
 }  // namespace pptam::platform

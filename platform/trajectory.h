@@ -45,6 +45,8 @@ Trajectory read_euroc_trajectory(const std::filesystem::path& file, std::vector<
 
 // Fixed formatting (timestamps with 6 decimals or more if needed to be exact to the nanosecond, numbers with 9
 // significant digits): equal trajectories give equal bytes. header goes into a leading comment line when not empty.
+std::string tum_text(const Trajectory& trajectory, const std::string& header);
+// The same as a file; throws InputError when it cannot be written.
 void write_tum_trajectory(const std::filesystem::path& file, const Trajectory& trajectory, const std::string& header);
 
 // Decimal seconds ("1305031102.175304", "1.3e+09", "-0.5") to nanoseconds, exactly (rounded beyond the ninth decimal).

@@ -5,6 +5,8 @@
 
 #include "platform/app/commands.h"
 #include "platform/files.h"
+#include "platform/input_error.h"
+#include "platform/outputs.h"
 #include "platform/run/console.h"
 #include "platform/run/evaluation.h"
 #include "platform/run/report.h"
@@ -32,6 +34,12 @@ std::string compared_poses(const Evaluation& e) {
 }
 
 int compare(const Files& files) {
+  if (!files.plot.empty()) {
+    Inputs inputs;
+    inputs.add("the estimate", files.estimate);
+    inputs.add("the truth", files.truth);
+    check_output_file("--plot", files.plot, inputs, "a plot", is_sealed);
+  }
   std::vector<std::string> warnings;
   const auto tell = [&] {
     for (const std::string& warning : warnings) print_warning(warning);
@@ -49,7 +57,14 @@ int compare(const Files& files) {
   std::vector<SummaryRow> rows = {{"poses", compared_poses(evaluation)}};
   for (SummaryRow& row : summarise(evaluation)) rows.push_back(std::move(row));
   print_rows(rows);
-  if (!files.plot.empty()) write_text(files.plot, plot_trajectories(evaluation, read.truth));
+  if (files.plot.empty()) return kExitOk;
+  try {
+    write_text_atomically(
+        files.plot, sealed(plot_trajectories(evaluation, read.truth) + "<!-- " + std::string(kOpenSeal) + " -->\n"));
+  } catch (const InputError& error) {
+    print_error(error.what());
+    return kExitBroken;
+  }
   return kExitOk;
 }
 

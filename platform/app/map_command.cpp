@@ -3,15 +3,18 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
+#include <exception>
+#include <functional>
 #include <map>
 #include <memory>
+#include <optional>
 #include <utility>
 
 #include "platform/app/commands.h"
 #include "platform/camera/image_files.h"
 #include "platform/files.h"
 #include "platform/input_error.h"
+#include "platform/outputs.h"
 #include "platform/run/console.h"
 #include "platform/run/names.h"
 #include "platform/run/run.h"
@@ -135,13 +138,15 @@ std::string image_name(uint32_t keyframe_id) {
 }
 
 // cameras.txt, images.txt and points3D.txt as COLMAP reads them, and the images that they name.
-void write_colmap(const LoadedMap& map, const std::filesystem::path& folder) {
-  make_folder(folder / "images");
-  for (const KeyframeInfo& keyframe : map.keyframes())
-    write_png(folder / "images" / image_name(keyframe.id), map.system().keyframe_image(keyframe.id));
-
-  write_text_atomically(folder / "cameras.txt",
-                        "# CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]\n1 " + colmap_camera(map.info().camera.model) + "\n");
+void write_colmap(const LoadedMap& map, OutputFolder* folder) {
+  for (const KeyframeInfo& keyframe : map.keyframes()) {
+    const std::string name = "images/" + image_name(keyframe.id);
+    Draft draft(folder->path(name));
+    write_png(draft.path(), map.system().keyframe_image(keyframe.id));
+    folder->keep(name, &draft);
+  }
+  folder->write("cameras.txt",
+                "# CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]\n1 " + colmap_camera(map.info().camera.model) + "\n");
 
   // Observations by image; their places in it are what the tracks refer to.
   const std::vector<float> errors = reprojection_errors(map);
@@ -164,7 +169,7 @@ void write_colmap(const LoadedMap& map, const std::filesystem::path& folder) {
                      t.z()) +
               image_name(keyframe.id) + "\n" + observations[keyframe.id] + "\n";
   }
-  write_text_atomically(folder / "images.txt", images);
+  folder->write("images.txt", images);
 
   std::string points = "# POINT3D_ID X Y Z R G B ERROR TRACK[] as IMAGE_ID POINT2D_IDX\n";
   for (const MapPointInfo& point : map.points()) {
@@ -173,7 +178,8 @@ void write_colmap(const LoadedMap& map, const std::filesystem::path& folder) {
                      point.grey, point.grey, point.grey, count > 0 ? sum / count : 0.0) +
               tracks[point.id] + "\n";
   }
-  write_text_atomically(folder / "points3D.txt", points);
+  folder->write("points3D.txt", points);
+  folder->finish();
 }
 
 void print_map_info(const std::filesystem::path& file) {
@@ -207,19 +213,48 @@ void print_map_info(const std::filesystem::path& file) {
   print_rows(rows);
 }
 
-void export_map(const MapExportOptions& options) {
+int export_map(const MapExportOptions& options) {
   if (options.ply.empty() && options.colmap.empty())
     throw InputError("map export: nothing to do, give --ply or --colmap; see pocket-ptam map export --help");
   const LoadedMap map(options.map);
-  if (!options.ply.empty()) {
-    write_ply(options.ply, map.points());
-    std::printf("%zu points written to %s\n", map.points().size(), options.ply.c_str());
-  }
+  Inputs inputs;
+  inputs.add("the map", options.map);
+  if (!options.ply.empty()) check_output_file("--ply", options.ply, inputs, "a PLY file", is_sealed);
+  std::optional<OutputFolder> folder;
   if (!options.colmap.empty()) {
-    write_colmap(map, options.colmap);
-    std::printf("%zu images and %zu points written to %s\n", map.keyframes().size(), map.points().size(),
-                options.colmap.c_str());
+    std::vector<std::string> names = {"cameras.txt", "images.txt", "points3D.txt"};
+    for (const KeyframeInfo& keyframe : map.keyframes()) names.push_back("images/" + image_name(keyframe.id));
+    folder.emplace(options.colmap, "--colmap", names, inputs);
+    names.insert(names.end(), {"", "images", OutputFolder::kListName});
+    for (const std::string& name : names) {
+      if (!options.ply.empty() && same_place(folder->path(name), options.ply))
+        throw InputError("--ply " + options.ply + ": is taken by --colmap " + options.colmap);
+    }
+    folder->prepare();
   }
+  bool failed = false;
+  const auto attempt = [&failed](const std::function<void()>& write) {
+    try {
+      write();
+    } catch (const std::exception& error) {
+      print_error(error.what());
+      failed = true;
+    }
+  };
+  if (!options.ply.empty()) {
+    attempt([&] {
+      write_text_atomically(options.ply, ply_text(map.points()));
+      print_line(format("%zu points written to ", map.points().size()) + options.ply);
+    });
+  }
+  if (folder) {
+    attempt([&] {
+      write_colmap(map, &*folder);
+      print_line(format("%zu images and %zu points written to ", map.keyframes().size(), map.points().size()) +
+                 options.colmap);
+    });
+  }
+  return failed ? kExitBroken : kExitOk;
 }
 
 }  // namespace
@@ -249,7 +284,8 @@ Command add_map(CLI::App& program) {
       "  pocket-ptam map info desk.map\n"
       "  pocket-ptam map export desk.map --ply desk.ply --colmap desk-colmap");
   return {command, [options, map_info] {
-            map_info->parsed() ? print_map_info(options->map) : export_map(*options);
+            if (!map_info->parsed()) return export_map(*options);
+            print_map_info(options->map);
             return kExitOk;
           }};
 }

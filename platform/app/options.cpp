@@ -1,14 +1,23 @@
 #include "platform/app/options.h"
 
+#include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <map>
 
 #include "platform/input_error.h"
+#include "platform/run/console.h"
+#include "platform/text.h"
 
 namespace pptam::app {
 namespace {
 
 using namespace platform;
+
+// The phone's images, pixels, and from how many times that on --resize is advised.
+constexpr int kProfileLonger = 320;
+constexpr int kProfileShorter = 240;
+constexpr int kLargeFactor = 2;
 
 void parse_size(const std::string& text, int* width, int* height) {
   int used = 0;
@@ -60,7 +69,10 @@ void add_tap_option(CLI::App* command, RunOptions* run) {
 void add_run_options(CLI::App* command, RunOptions* run, OutputOptions* output) {
   static const std::map<std::string, ClockKind> kClocks = {
       {"work", ClockKind::kWork}, {"steady", ClockKind::kSteady}, {"throttled", ClockKind::kThrottled}};
-  command->add_option("--out", output->out, "Folder for the results [out/NAME]")->type_name("DIR");
+  command
+      ->add_option("--out", output->out,
+                   "Folder for the results [out/NAME]; files there that an earlier run did not make stay")
+      ->type_name("DIR");
   command
       ->add_option_function<std::string>(
           "--clock",
@@ -99,7 +111,7 @@ void add_run_options(CLI::App* command, RunOptions* run, OutputOptions* output) 
             output->save_map = file;
             run->save_map = true;
           },
-          "Save the map at the end; an older file is replaced whole or not at all")
+          "Save the map at the end; an older map is replaced whole or not at all, another file never")
       ->type_name("FILE");
   command->add_flag("--lock-map", run->lock_map, "Track only: a finished or loaded map is not changed any more");
   command->add_flag("--no-overlay", output->no_overlay, "No overlay.mp4 and stills");
@@ -112,6 +124,25 @@ RecordingOptions RecordingInput::recording() const {
   recording.calibration = calibration;
   if (!resize.empty()) parse_size(resize, &recording.resize_width, &recording.resize_height);
   return recording;
+}
+
+std::unique_ptr<platform::Camera> RecordingInput::open(const RecordingOptions& recording,
+                                                       std::vector<std::string>* warnings) const {
+  std::unique_ptr<platform::Camera> camera = open_recording(recording, warnings);
+  const CameraModel& model = camera->info().model;
+  const int longer = std::max(model.width, model.height);
+  const int shorter = std::min(model.width, model.height);
+  if (longer > kLargeFactor * kProfileLonger || shorter > kLargeFactor * kProfileShorter) {
+    const double scale = static_cast<double>(kProfileLonger) / longer;
+    const auto scaled = [scale](int side) { return std::max(1L, std::lround(side * scale)); };
+    warnings->push_back(
+        format("%s: its images of %dx%d are much larger than the %dx%d that the tracker is made for: it "
+               "takes long and finds less; try --resize %ldx%ld, the same shape",
+               camera->info().name.c_str(), model.width, model.height, kProfileLonger, kProfileShorter,
+               scaled(model.width), scaled(model.height)));
+  }
+  for (const std::string& warning : *warnings) print_warning(warning);
+  return camera;
 }
 
 void add_recording_options(CLI::App* command, RecordingInput* input) {

@@ -2,7 +2,9 @@
 #pragma once
 
 #include <CLI/CLI.hpp>
+#include <memory>
 #include <string>
+#include <vector>
 
 #include "platform/camera/recorded_camera.h"
 #include "platform/run/run.h"
@@ -26,6 +28,9 @@ struct RecordingInput {
   std::string source, calibration, resize;
 
   platform::RecordingOptions recording() const;  // throws InputError on a size that is none
+  // Opens it and prints its warnings. Throws InputError.
+  std::unique_ptr<platform::Camera> open(const platform::RecordingOptions& recording,
+                                         std::vector<std::string>* warnings) const;
 };
 void add_recording_options(CLI::App* command, RecordingInput* input);
 

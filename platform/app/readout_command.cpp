@@ -6,12 +6,14 @@
 #include <cstdio>
 #include <exception>
 #include <memory>
+#include <utility>
 #include <vector>
 
 #include "platform/app/commands.h"
 #include "platform/app/options.h"
 #include "platform/camera/recorded_camera.h"
 #include "platform/run/console.h"
+#include "platform/run/interruption.h"
 #include "platform/run/jobs.h"
 #include "platform/run/names.h"
 #include "platform/run/run.h"
@@ -23,6 +25,7 @@ namespace {
 using namespace platform;
 
 struct ReadoutOptions {
+  RecordingInput input;
   RecordingOptions recording;
   RunOptions run;
   std::string axes = "both";  // rows, columns or both
@@ -70,11 +73,16 @@ Trial attempt(const ReadoutOptions& options, RollingShutter::Axis axis, double s
 }
 
 void run_trials(const ReadoutOptions& options, std::vector<Trial>* trials) {
-  run_jobs(options.jobs, trials->size(), [&](size_t i) {
+  const std::vector<bool> done = run_jobs(options.jobs, trials->size(), [&](size_t i) {
     Trial& trial = (*trials)[i];
     trial = attempt(options, trial.axis, trial.seconds);
     return "tried " + option_for(trial);
   });
+  std::vector<Trial> whole;
+  for (size_t i = 0; i < trials->size(); ++i) {
+    if (done[i]) whole.push_back(std::move((*trials)[i]));
+  }
+  *trials = std::move(whole);
 }
 
 // Null: no trial counts. A map that lives for a moment may fit anything.
@@ -92,8 +100,8 @@ const Trial* best_of(const std::vector<Trial>& trials) {
 // Prints each trial and what to write for --readout. False when too few trials gave a map.
 bool find_readout(const ReadoutOptions& options) {
   std::vector<std::string> warnings;
-  const double frames_per_s = platform::open_recording(options.recording, &warnings)->info().frames_per_s;
-  for (const std::string& warning : warnings) print_warning(warning);
+  const double frames_per_s = options.input.open(options.recording, &warnings)->info().frames_per_s;
+  stop_on_signals();
   double step_s = (frames_per_s > 0 ? 1 / frames_per_s : 1.0 / 30) / kSteps;
   std::vector<Trial> trials;
   for (const RollingShutter::Axis axis : {RollingShutter::Axis::kRows, RollingShutter::Axis::kColumns}) {
@@ -109,7 +117,7 @@ bool find_readout(const ReadoutOptions& options) {
   run_trials(options, &trials);
   for (int round = 0; round < kRounds; ++round) {
     const Trial* best = best_of(trials);
-    if (best == nullptr) break;
+    if (best == nullptr || interrupted()) break;
     step_s *= 0.5;
     std::vector<Trial> finer(2);
     finer[0].axis = finer[1].axis = best->axis;
@@ -129,6 +137,10 @@ bool find_readout(const ReadoutOptions& options) {
     if (!trial.trouble.empty()) cells.back().push_back(trial.trouble);
   }
   print_table({"readout", "tracked %", "objective", "measurements", "frames' px"}, cells);
+  if (interrupted()) {
+    print_error(interruption() + " before all trials were made; the best of those above may not be the best of all");
+    return false;
+  }
   const Trial* best = best_of(trials);
   if (best == nullptr) {
     std::printf("\nno trial gave a map: see that the recording starts with pocket-ptam replay (--tap, --fov)\n");
@@ -169,7 +181,8 @@ Command add_readout(CLI::App& program) {
       "  pocket-ptam readout clip.mp4 --fov 60 --resize 320x240\n"
       "  pocket-ptam readout clip.mp4 --calibration phone.yaml --axis rows");
   return {command, [chosen] {
-            const ReadoutOptions options = {chosen->input.recording(), chosen->run, chosen->axes, chosen->jobs};
+            const ReadoutOptions options = {chosen->input, chosen->input.recording(), chosen->run, chosen->axes,
+                                            chosen->jobs};
             return find_readout(options) ? kExitOk : kExitBroken;
           }};
 }

@@ -1,11 +1,12 @@
 // pocket-ptam replay: a recorded sequence.
 
+#include <filesystem>
 #include <memory>
 
 #include "platform/app/commands.h"
 #include "platform/app/options.h"
 #include "platform/app/single_run.h"
-#include "platform/run/console.h"
+#include "platform/camera/image_list.h"
 
 namespace pptam::app {
 namespace {
@@ -19,6 +20,23 @@ struct ReplayChoice {
   OutputOptions output;
 };
 
+// All files that the recording is read from.
+void add_inputs(const RecordingOptions& recording, Knowledge* knowledge) {
+  Inputs& inputs = knowledge->inputs;
+  inputs.add("the recording", recording.source);
+  inputs.add("the calibration", recording.calibration);
+  std::error_code ignored;
+  const bool is_folder = std::filesystem::is_directory(recording.source, ignored);
+  if (std::filesystem::is_regular_file(recording.source, ignored) && recording.source.extension() != ".txt") return;
+  const ImageList list = list_images(recording.source);
+  for (const ImageEntry& image : list.images) inputs.add("the image", image.file);
+  for (const std::filesystem::path& truth : {list.ground_truth.tum, list.ground_truth.euroc})
+    inputs.add("the ground truth", truth);
+  inputs.add("the calibration", list.calibration);
+  if (is_folder) knowledge->image_folders.push_back(recording.source);
+  if (!list.images.empty()) knowledge->image_folders.push_back(list.images.front().file.parent_path());
+}
+
 int replay_recording(const ReplayChoice& chosen, const std::string& command_line) {
   RecordingOptions recording = chosen.input.recording();
   if (!chosen.readout.empty()) {
@@ -26,10 +44,10 @@ int replay_recording(const ReplayChoice& chosen, const std::string& command_line
     recording.readout_axis = parsed.axis;
     recording.readout_s = parsed.seconds;
   }
-  std::vector<std::string> warnings;
-  const std::unique_ptr<platform::Camera> camera = open_recording(recording, &warnings);
-  for (const std::string& warning : warnings) print_warning(warning);
-  return run_and_write(*camera, chosen.run, chosen.output, {}, command_line);
+  Knowledge knowledge;
+  const std::unique_ptr<platform::Camera> camera = chosen.input.open(recording, &knowledge.warnings);
+  add_inputs(recording, &knowledge);
+  return run_and_write(*camera, chosen.run, chosen.output, knowledge, command_line);
 }
 
 }  // namespace

@@ -1,7 +1,6 @@
 // pocket-ptam sim: the emulated phone, in one run or in the many of the laboratory.
 
 #include <cmath>
-#include <cstdio>
 #include <memory>
 #include <optional>
 
@@ -11,6 +10,7 @@
 #include "platform/camera/dump_sequence.h"
 #include "platform/input_error.h"
 #include "platform/run/console.h"
+#include "platform/run/interruption.h"
 #include "platform/text.h"
 #include "sim_phone/laboratory/culling_study.h"
 #include "sim_phone/laboratory/endurance.h"
@@ -293,11 +293,25 @@ class SimCommand {
   }
 
   int dump(platform::Camera& camera) const {
-    Progress progress;
-    dump_sequence(camera, chosen_.dump, [&](int done, int total) { progress.show(done, total, "written"); });
-    progress.finish();
-    std::printf("written to %s\n", chosen_.dump.c_str());
-    return kExitOk;
+    int frames = 0;
+    std::string broken;
+    try {
+      Progress progress;
+      dump_sequence(camera, chosen_.dump, [&](int done, int total) {
+        if (done == 1) stop_on_signals();
+        frames = done;
+        progress.show(done, total, "written");
+        return !interrupted();
+      });
+      broken = interruption();
+    } catch (const InputError& error) {
+      if (frames == 0) throw;
+      broken = error.what();
+    }
+    print_line(format("%d images written to ", frames) + chosen_.dump);
+    if (broken.empty()) return kExitOk;
+    print_error("--dump " + chosen_.dump + ": " + broken + "; the sequence is shorter than it should be");
+    return kExitBroken;
   }
 
   std::string command_line_;

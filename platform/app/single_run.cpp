@@ -1,14 +1,20 @@
 #include "platform/app/single_run.h"
 
+#include <algorithm>
+#include <cstddef>
 #include <cstdio>
+#include <exception>
 #include <filesystem>
+#include <functional>
 #include <memory>
+#include <span>
 
 #include "platform/app/commands.h"
 #include "platform/files.h"
 #include "platform/input_error.h"
 #include "platform/run/console.h"
 #include "platform/run/evaluation.h"
+#include "platform/run/interruption.h"
 #include "platform/run/names.h"
 #include "platform/run/overlay.h"
 #include "platform/run/report.h"
@@ -37,46 +43,88 @@ std::string folder_name(const std::string& name) {
   return folder.empty() ? "run" : folder;
 }
 
-constexpr const char* kOutputs[] = {"trajectory.txt", "keyframes.txt", "map.ply",     "frames.csv",
-                                    "report.html",    "overlay.mp4",   "overlay.png", "start.png"};
+constexpr const char* kVideo = "overlay.mp4";
+const std::vector<std::string> kOutputs = {"trajectory.txt", "keyframes.txt", "map.ply",     "frames.csv",
+                                           "report.html",    kVideo,          "overlay.png", "start.png"};
 
-void prepare_folder(const std::filesystem::path& folder) {
-  platform::make_folder(folder, "--out");
-  std::error_code ignored;
-  for (const char* name : kOutputs) std::filesystem::remove(folder / name, ignored);  // of an earlier run
-}
-
-void check_map_options(const RunOptions& run, const OutputOptions& output) {
+// All that is checked before the first frame. Nothing is changed by it.
+void check_map(const RunOptions& run, const OutputOptions& output, const std::filesystem::path& folder,
+               const Knowledge& knowledge) {
   if (!run.load_map.empty() && (!run.taps_s.empty() || run.auto_start))
     throw InputError("--load-map " + run.load_map + ": --tap and --auto-start would forget the map");
-  if (output.save_map.empty()) return;
-  const std::filesystem::path folder = std::filesystem::path(output.save_map).parent_path();
-  if (!folder.empty() && !std::filesystem::is_directory(folder))
-    throw InputError("--save-map " + output.save_map + ": there is no folder " + folder.string());
-  if (std::filesystem::is_directory(output.save_map))
-    throw InputError("--save-map " + output.save_map + ": is a folder");
+  if (!run.save_map) return;
+  Inputs inputs = knowledge.inputs;
+  inputs.add("the map of --load-map", run.load_map);
+  const std::string option = "--save-map";
+  check_output_file(option, output.save_map, inputs, "a sound map", [](std::span<const std::byte> content) {
+    MapInfo info;
+    return System::map_info(content, &info).ok();
+  });
+  for (const char* name : {"", OutputFolder::kListName}) {
+    if (same_place(folder / name, output.save_map) || same_place(folder, output.save_map))
+      throw InputError(option + " " + output.save_map + ": is taken by --out " + folder.string());
+  }
+  for (const std::string& name : kOutputs) {
+    if (same_place(folder / name, output.save_map))
+      throw InputError(option + " " + output.save_map + ": is another output's name, of --out " + folder.string());
+  }
 }
+
+OutputFolder check_folder(const RunOptions& run, const std::filesystem::path& folder, const Knowledge& knowledge) {
+  Inputs inputs = knowledge.inputs;
+  inputs.add("the map of --load-map", run.load_map);
+  for (const std::filesystem::path& images : knowledge.image_folders) {
+    if (same_place(images, folder))
+      throw InputError("--out " + folder.string() + ": the recording's images are there, name another folder");
+  }
+  return OutputFolder(folder, "--out", kOutputs, inputs);
+}
+
+// The overlay with the draft of its video. Its troubles cost only itself.
+class Show {
+ public:
+  Show(const CameraInfo& camera, const OutputFolder& folder, std::vector<std::string>* warnings)
+      : warnings_(warnings), draft_(folder.path(kVideo)), overlay_(camera, draft_.path(), warnings) {}
+
+  void add(const Frame& frame, const TrackResult& result, const FrameLog& entry) {
+    if (broken_) return;
+    try {
+      overlay_.add(frame, result, entry);
+    } catch (const std::exception& error) {
+      broken_ = true;
+      warnings_->push_back(std::string("the overlay ends early: ") + error.what());
+    }
+  }
+  // Once: null without a video.
+  Draft* video() { return overlay_.finish() ? &draft_ : nullptr; }
+  const Overlay& overlay() const { return overlay_; }
+
+ private:
+  std::vector<std::string>* warnings_;
+  Draft draft_;
+  Overlay overlay_;
+  bool broken_ = false;
+};
 
 // The run, with its overlay and its progress on the terminal. The folder is made once the input is known to be good.
 RunLog run_and_show(platform::Camera& camera, const RunOptions& run_options, const OutputOptions& output,
-                    const std::filesystem::path& folder, std::vector<std::string>* warnings) {
-  std::unique_ptr<Overlay> overlay;
+                    const OutputFolder& folder, std::unique_ptr<Show>* show, std::vector<std::string>* warnings) {
   Progress progress;
   RunLog log = run_sequence(
       camera, run_options,
       [&](const CameraInfo& info) {
-        prepare_folder(folder);
-        if (!output.no_overlay) overlay = std::make_unique<Overlay>(info, folder, warnings);
+        folder.prepare();
+        if (!output.no_overlay) *show = std::make_unique<Show>(info, folder, warnings);
+        stop_on_signals();
       },
       [&](const Frame& frame, const TrackResult& result, const RunLog& so_far) {
         const FrameLog& entry = so_far.frames.back();
-        if (overlay) overlay->add(frame, result, entry);
+        if (*show) (*show)->add(frame, result, entry);
         progress.show(so_far.source_frames, so_far.camera.frame_count.value_or(0),
                       format("%.1f s  %s, %d keyframes, %d points", so_far.seconds(entry.timestamp_ns),
                              name_of(entry.state), entry.keyframes, entry.map_points));
       });
   progress.finish();
-  if (overlay) overlay->finish();
   return log;
 }
 
@@ -95,40 +143,100 @@ RunSummary evaluated(const RunLog& log, const Trajectory& truth, const Knowledge
   return summary;
 }
 
-void print_written(const std::filesystem::path& folder) {
-  std::string written;
-  for (const char* name : kOutputs) {
-    if (std::filesystem::exists(folder / name)) written += std::string(" ") + name;
+// Outputs one by one: what fails is told at once and costs nothing else.
+class Writing {
+ public:
+  void attempt(const std::function<void()>& write) {
+    try {
+      write();
+    } catch (const std::exception& error) {
+      print_error(error.what());
+      failed_ = true;
+    }
   }
-  std::printf("\nwritten to %s:%s\n", folder.string().c_str(), written.c_str());
-  std::fflush(stdout);
-}
+  bool failed() const { return failed_; }
+
+ private:
+  bool failed_ = false;
+};
 
 }  // namespace
 
 int run_and_write(platform::Camera& camera, const RunOptions& run_options, const OutputOptions& output,
                   const Knowledge& knowledge, const std::string& command_line) {
   const Trajectory truth = camera.ground_truth();
-  const std::filesystem::path folder = output.out.empty()
-                                           ? std::filesystem::path("out") / folder_name(camera.info().name)
-                                           : std::filesystem::path(output.out);
-  check_map_options(run_options, output);
-  std::vector<std::string> warnings;
-  const RunLog log = run_and_show(camera, run_options, output, folder, &warnings);
+  const std::filesystem::path place = output.out.empty()
+                                          ? std::filesystem::path("out") / folder_name(camera.info().name)
+                                          : std::filesystem::path(output.out);
+  OutputFolder folder = check_folder(run_options, place, knowledge);
+  check_map(run_options, output, place, knowledge);
+  std::vector<std::string> warnings;  // to be printed
+  std::unique_ptr<Show> show;
+  const RunLog log = run_and_show(camera, run_options, output, folder, &show, &warnings);
+
+  // What cannot be had again first.
+  Writing writing;
+  bool map_saved = false;
+  if (!log.saved_map.empty()) {
+    writing.attempt([&] {
+      write_atomically(output.save_map, log.saved_map);
+      map_saved = true;
+    });
+  }
+  const std::string head = "timestamp tx ty tz qx qy qz qw, camera-to-world, world units";
+  writing.attempt([&] { folder.write("trajectory.txt", tum_text(log.trajectory(), head)); });
+  writing.attempt([&] { folder.write("keyframes.txt", tum_text(log.keyframe_trajectory(), head)); });
+  writing.attempt([&] { folder.write("map.ply", ply_text(log.map_points)); });
+  writing.attempt([&] { folder.write("frames.csv", frames_text(log)); });
+  std::string good_png;
+  bool video = false;
+  if (show) {
+    writing.attempt([&] {
+      if (Draft* draft = show->video()) {
+        folder.keep(kVideo, draft);
+        video = true;
+      }
+    });
+    writing.attempt([&] {
+      const std::string png = show->overlay().start_png();
+      if (!png.empty()) folder.write("start.png", png);
+    });
+    writing.attempt([&] {
+      good_png = show->overlay().good_png();
+      if (!good_png.empty()) folder.write("overlay.png", good_png);
+    });
+  }
+  warnings.insert(warnings.begin(), log.warnings.begin(), log.warnings.end());
+  const auto all_warnings = [&] {
+    std::vector<std::string> all = knowledge.warnings;
+    all.insert(all.end(), warnings.begin(), warnings.end());
+    return all;
+  };
   RunSummary summary = evaluated(log, truth, knowledge);
   summary.command = command_line;
-  write_text_outputs(log, folder);
-  if (!output.no_report) write_report(folder, log, summary, truth, &warnings);
-  if (!log.saved_map.empty()) platform::write_atomically(output.save_map, log.saved_map);
+  summary.warnings = all_warnings();
+  if (!output.no_report) {
+    writing.attempt([&] { folder.write("report.html", report_page(log, summary, truth, good_png, video, &warnings)); });
+    summary.warnings = all_warnings();
+  }
+  writing.attempt([&] { folder.finish(); });
 
   print_rows(summarise(log, summary));
-  print_written(folder);
+  print_line("");
+  std::string written;
+  for (const std::string& name : kOutputs) {
+    const auto& names = folder.written();
+    if (std::find(names.begin(), names.end(), name) != names.end()) written += " " + name;
+  }
+  print_line("written to " + place.string() + ":" + written);
+  std::fflush(stdout);
   for (const std::string& warning : warnings) print_warning(warning);
-  if (!log.saved_map.empty()) std::printf("map saved to %s\n", output.save_map.c_str());
+  if (map_saved) print_line("map saved to " + output.save_map);
   if (!log.save_trouble.empty())
     print_error("--save-map " + output.save_map + ": nothing was saved: " + log.save_trouble);
-  if (!log.broken.empty()) print_error(log.broken + "; what came before it was tracked and written");
-  return log.broken.empty() && log.save_trouble.empty() ? kExitOk : kExitBroken;
+  if (!log.broken.empty())
+    print_error(log.broken + "; what came before it was tracked" + (writing.failed() ? "" : " and written"));
+  return log.broken.empty() && log.save_trouble.empty() && !writing.failed() ? kExitOk : kExitBroken;
 }
 
 }  // namespace pptam::app

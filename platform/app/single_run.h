@@ -1,12 +1,14 @@
 // One run with all its outputs: what sim and replay do once they have a camera.
 #pragma once
 
+#include <filesystem>
 #include <functional>
 #include <string>
 #include <vector>
 
 #include "platform/app/options.h"
 #include "platform/camera.h"
+#include "platform/outputs.h"
 #include "platform/run/run.h"
 #include "platform/run/summary.h"
 
@@ -17,9 +19,13 @@ struct Knowledge {
   bool plane_known = false;  // the truth's z = 0 is the scene's dominant plane
   // Further rows for the summary; null: none.
   std::function<std::vector<platform::SummaryRow>(const platform::RunLog&, const platform::Trajectory& truth)> judge;
+  platform::Inputs inputs;                           // what it is read from: never an output
+  std::vector<std::filesystem::path> image_folders;  // likewise: no place for outputs
+  std::vector<std::string> warnings;                 // printed already
 };
 
-// Runs, writes the results into the folder of the options, prints the summary. Returns the exit code.
+// Runs, writes the results into the folder of the options, prints the summary. What cannot be written is told and does
+// not stop the rest. Returns the exit code. Throws InputError before the first frame is tracked, with nothing done.
 int run_and_write(platform::Camera& camera, const platform::RunOptions& run_options, const OutputOptions& output,
                   const Knowledge& knowledge, const std::string& command_line);
 

@@ -74,7 +74,7 @@ std::string calibration_text(const CameraInfo& info) {
 }  // namespace
 
 void dump_sequence(Camera& camera, const std::filesystem::path& folder,
-                   const std::function<void(int done, int total)>& progress) {
+                   const std::function<bool(int done, int total)>& go_on) {
   std::error_code error;
   if (std::filesystem::exists(folder, error) &&
       (!std::filesystem::is_directory(folder, error) || !std::filesystem::is_empty(folder, error))) {
@@ -82,25 +82,31 @@ void dump_sequence(Camera& camera, const std::filesystem::path& folder,
   }
   make_folder(folder / "rgb");
 
-  write_text(folder / "calibration.yaml", calibration_text(camera.info()));
+  write_text_atomically(folder / "calibration.yaml", calibration_text(camera.info()));
   std::string list = "# timestamp filename\n";
   Frame frame;
   int done = 0;
-  while (camera.read(&frame)) {
-    if (frame.format != PixelFormat::kGrey) throw InputError(camera.info().name + ": only grey images can be dumped");
-    const std::string stamp = seconds(frame.timestamp_ns);
-    const std::string name = "rgb/" + stamp + ".png";
-    write_png(folder / name, {frame.data, frame.width, frame.height, frame.stride_bytes});
-    list.append(stamp).append(" ").append(name).append("\n");
-    ++done;
-    if (progress) progress(done, camera.info().frame_count.value_or(done));
+  std::string trouble;
+  try {
+    while (camera.read(&frame)) {
+      if (frame.format != PixelFormat::kGrey) throw InputError(camera.info().name + ": only grey images can be dumped");
+      const std::string stamp = seconds(frame.timestamp_ns);
+      const std::string name = "rgb/" + stamp + ".png";
+      write_png(folder / name, {frame.data, frame.width, frame.height, frame.stride_bytes});
+      list.append(stamp).append(" ").append(name).append("\n");
+      ++done;
+      if (!go_on(done, camera.info().frame_count.value_or(done))) break;
+    }
+  } catch (const InputError& broken) {
+    trouble = broken.what();
   }
-  write_text(folder / "rgb.txt", list);
+  write_text_atomically(folder / "rgb.txt", list);
   Trajectory truth = camera.ground_truth();
   if (!truth.empty()) {
     write_tum_trajectory(folder / "groundtruth.txt", truth,
                          "T_world_camera: t tx ty tz qx qy qz qw (camera x right, y down, z forward)");
   }
+  if (!trouble.empty()) throw InputError(trouble);
 }
 
 }  // namespace pptam::platform

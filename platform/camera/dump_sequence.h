@@ -9,9 +9,10 @@
 namespace pptam::platform {
 
 // Writes everything that the camera delivers in the TUM RGB-D layout: rgb/*.png, rgb.txt, groundtruth.txt and
-// calibration.yaml (Kalibr's form with our readout keys), so that other programs can be run on it. Calls progress(done,
-// total) after each frame. The folder must be new or empty.
+// calibration.yaml (Kalibr's form with our readout keys), so that other programs can be run on it. Calls go_on(done,
+// total) after each frame: false ends it like the camera's end. The folder must be new or empty. Throws InputError;
+// what was written until then is a shorter sequence, if the list could still be written.
 void dump_sequence(Camera& camera, const std::filesystem::path& folder,
-                   const std::function<void(int done, int total)>& progress);
+                   const std::function<bool(int done, int total)>& go_on);
 
 }  // namespace pptam::platform

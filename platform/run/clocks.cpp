@@ -3,6 +3,8 @@
 #include <cerrno>
 #include <ctime>
 
+#include "platform/run/interruption.h"
+
 namespace pptam::platform {
 namespace {
 
@@ -24,7 +26,7 @@ void SteadyClock::idle_until(int64_t t_ns) {
   timespec until = {};
   until.tv_sec = static_cast<time_t>(t_ns / kNsPerSecond);
   until.tv_nsec = static_cast<long>(t_ns % kNsPerSecond);
-  while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &until, nullptr) == EINTR) {
+  while (!interrupted() && clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &until, nullptr) == EINTR) {
   }
 }
 

@@ -17,7 +17,7 @@ enum class ClockKind {
 class SteadyClock final : public Clock {
  public:
   int64_t now_ns() const override;
-  void idle_until(int64_t t_ns) override;  // sleeps
+  void idle_until(int64_t t_ns) override;  // sleeps, but not on after a signal that ends the run
 };
 
 // This thread's CPU time times a factor, plus the idle time skipped: a desktop that is slowed down to a phone. Time

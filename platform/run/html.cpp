@@ -7,8 +7,8 @@
 #include <filesystem>
 
 #include "platform/child_process.h"
-#include "platform/files.h"
 #include "platform/input_error.h"
+#include "platform/run/console.h"
 #include "platform/text.h"
 
 namespace pptam::platform {
@@ -35,8 +35,12 @@ class TemporaryFile {
     const int fd = mkstemp(name.data());
     if (fd < 0) throw InputError(name + ": cannot make a temporary file");
     path_ = name;
+    const ssize_t written = ::write(fd, content.data(), content.size());
     close(fd);
-    write_text(path_, content);
+    if (written != static_cast<ssize_t>(content.size())) {
+      unlink(name.c_str());
+      throw InputError(name + ": cannot write a temporary file");
+    }
   }
   ~TemporaryFile() {
     std::error_code ignored;
@@ -85,7 +89,7 @@ std::string image_tag(const std::string& type, const std::string& content, const
 
 std::string html_escaped(const std::string& text) {
   std::string escaped;
-  for (const char c : text) {
+  for (const char c : printable(text)) {
     switch (c) {
       case '&':
         escaped += "&amp;";
@@ -98,6 +102,9 @@ std::string html_escaped(const std::string& text) {
         break;
       case '"':
         escaped += "&quot;";
+        break;
+      case '\'':
+        escaped += "&#39;";
         break;
       default:
         escaped += c;

@@ -6,21 +6,25 @@
 #include <vector>
 
 #include "platform/run/console.h"
+#include "platform/run/interruption.h"
 
 namespace pptam::platform {
 
-void run_jobs(int threads, size_t count, const std::function<std::string(size_t)>& job) {
+std::vector<bool> run_jobs(int threads, size_t count, const std::function<std::string(size_t)>& job) {
   std::atomic<size_t> next = 0;
   std::mutex mutex;
   Progress progress;
-  size_t done = 0;
+  size_t count_done = 0;
+  std::vector<bool> done(count);
   const auto worker = [&] {
-    for (;;) {
+    while (!interrupted()) {
       const size_t i = next++;
       if (i >= count) return;
       const std::string text = job(i);
+      if (interrupted()) return;  // it may have been cut short
       const std::lock_guard lock(mutex);
-      progress.show(static_cast<int>(++done), static_cast<int>(count), text);
+      done[i] = true;
+      progress.show(static_cast<int>(++count_done), static_cast<int>(count), text);
     }
   };
   std::vector<std::thread> workers;
@@ -28,6 +32,7 @@ void run_jobs(int threads, size_t count, const std::function<std::string(size_t)
   for (int i = 0; i < threads; ++i) workers.emplace_back(worker);
   for (std::thread& thread : workers) thread.join();
   progress.finish();
+  return done;
 }
 
 }  // namespace pptam::platform

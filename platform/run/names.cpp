@@ -80,6 +80,33 @@ const char* sentence_for(Hint hint) {
   return "";
 }
 
+const char* advice_for(Hint hint) {
+  switch (hint) {
+    case Hint::kNone:
+      break;
+    case Hint::kTap:
+      return "no start was asked for: --tap SECONDS, or --auto-start";
+    case Hint::kHoldStill:
+      return "the camera moved when it should start: hold still for a second, then --tap SECONDS at that time";
+    case Hint::kMoveSideways:
+      return "the start waited for a sideways movement: a tenth of the distance to the scene, the first view in sight";
+    case Hint::kOnlyRotating:
+      return "the camera only turned, which gives no depth: move it sideways";
+    case Hint::kTooLittleTexture:
+      return "too few corners in view: more texture, better light, or nearer";
+    case Hint::kTooFast:
+      return "the images were blurred by the movement: move slower, or with more light";
+    case Hint::kStartLost:
+      return "the first view was lost: move slower and keep it in sight; --tap SECONDS for another start, or --fov and "
+             "--readout when they are guesses";
+    case Hint::kReturnToKnownView:
+      return "no known view came: go back to where the map was made; a map that is lost at once may have a wrong "
+             "--fov, "
+             "calibration or --readout";
+  }
+  return "";
+}
+
 const char* name_of(Stage stage) {
   switch (stage) {
     case Stage::kPyramid:

@@ -15,6 +15,7 @@ const char* name_of(Hint hint);
 const char* name_of(Stage stage);
 const char* name_of(ClockKind clock);
 const char* sentence_for(Hint hint);           // what the user should do; "" for none
+const char* advice_for(Hint hint);             // after a run: what was wrong and what helps; "" for none
 std::string limit_names(uint32_t limits_hit);  // Config fields joined by '|'; "" for none
 
 const char* name_of(RollingShutter::Axis axis);  // rows or columns

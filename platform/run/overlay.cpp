@@ -55,6 +55,18 @@ void set_colour(cairo_t* cr, const Colour& c, double alpha = 1) {
 }
 
 // Draws world geometry: clips it to what the camera model can project, and bends it as the lens does.
+std::string png_of(const Surface& surface) {
+  std::string png;
+  if (!surface) return png;
+  const auto append = [](void* text, const unsigned char* bytes, unsigned int count) {
+    static_cast<std::string*>(text)->append(reinterpret_cast<const char*>(bytes), count);
+    return CAIRO_STATUS_SUCCESS;
+  };
+  const cairo_status_t status = cairo_surface_write_to_png_stream(surface.get(), append, &png);
+  if (status != CAIRO_STATUS_SUCCESS) throw InputError(std::string("a still: ") + cairo_status_to_string(status));
+  return png;
+}
+
 class Projector {
  public:
   Projector(const CameraModel& model, double scale) : model_(model), scale_(scale) {
@@ -437,10 +449,8 @@ void draw_panel(cairo_t* cr, const FrameLog& log, double top, double width, doub
 }  // namespace
 
 struct Overlay::Impl {
-  Impl(const CameraInfo& camera, const std::filesystem::path& target, std::vector<std::string>* remarks)
-      : folder(target),
-        warnings(remarks),
-        model(prepared(camera.model)),
+  Impl(const CameraInfo& camera, const std::filesystem::path& video_file, std::vector<std::string>* warnings)
+      : model(prepared(camera.model)),
         scale(model.width > 960 ? 1 : 2),
         projector(model, scale),
         unit(std::max(0.5, model.width * scale / 480.0)),
@@ -450,7 +460,7 @@ struct Overlay::Impl {
         canvas(make_surface(width, height)),
         picture(make_surface(model.width, model.height)),
         grey(static_cast<size_t>(model.width) * static_cast<size_t>(model.height)),
-        video(target / "overlay.mp4", width, height, camera.frames_per_s > 0 ? camera.frames_per_s : 30, remarks) {}
+        video(video_file, width, height, camera.frames_per_s > 0 ? camera.frames_per_s : 30, warnings) {}
 
   static CameraModel prepared(CameraModel m) {
     m.prepare();
@@ -501,15 +511,6 @@ struct Overlay::Impl {
     cairo_paint(context.get());
   }
 
-  void write_still(const Surface& still, const char* name) const {
-    if (!still) return;
-    const std::filesystem::path file = folder / name;
-    const cairo_status_t status = cairo_surface_write_to_png(still.get(), file.string().c_str());
-    if (status != CAIRO_STATUS_SUCCESS) warnings->push_back(file.string() + ": " + cairo_status_to_string(status));
-  }
-
-  std::filesystem::path folder;
-  std::vector<std::string>* warnings;
   CameraModel model;
   int scale;
   Projector projector;
@@ -526,8 +527,8 @@ struct Overlay::Impl {
   uint64_t good_views = 0;
 };
 
-Overlay::Overlay(const CameraInfo& camera, const std::filesystem::path& folder, std::vector<std::string>* warnings)
-    : impl_(std::make_unique<Impl>(camera, folder, warnings)) {}
+Overlay::Overlay(const CameraInfo& camera, const std::filesystem::path& video, std::vector<std::string>* warnings)
+    : impl_(std::make_unique<Impl>(camera, video, warnings)) {}
 
 Overlay::~Overlay() = default;
 
@@ -544,10 +545,16 @@ void Overlay::add(const Frame& frame, const TrackResult& result, const FrameLog&
   }
 }
 
-void Overlay::finish() {
-  impl_->video.finish();
-  impl_->write_still(impl_->start_still, "start.png");
-  impl_->write_still(impl_->good_still, "overlay.png");
+bool Overlay::finish() {
+  return impl_->video.finish();
+}
+
+std::string Overlay::start_png() const {
+  return png_of(impl_->start_still);
+}
+
+std::string Overlay::good_png() const {
+  return png_of(impl_->good_still);
 }
 
 }  // namespace pptam::platform

@@ -16,16 +16,18 @@ namespace pptam::platform {
 
 class Overlay {
  public:
-  // Writes into folder, which exists. Without ffmpeg there are only the stills, and a warning.
-  Overlay(const CameraInfo& camera, const std::filesystem::path& folder, std::vector<std::string>* warnings);
+  // video: the file to encode into, MP4 whatever its name. Without ffmpeg there are only the stills, and a warning.
+  Overlay(const CameraInfo& camera, const std::filesystem::path& video, std::vector<std::string>* warnings);
   ~Overlay();
   Overlay(const Overlay&) = delete;
   Overlay& operator=(const Overlay&) = delete;
 
   void add(const Frame& frame, const TrackResult& result, const FrameLog& log);
-  // Closes the video and writes start.png (the last view of the initialisation) and overlay.png (a good view from the
-  // second half), when there were such views.
-  void finish();
+  // Closes the video; false: there is none, and warnings says why.
+  bool finish();
+  // As PNG files; empty when there was no such view.
+  std::string start_png() const;  // the last view of the initialisation
+  std::string good_png() const;   // a good view from the second half
 
  private:
   struct Impl;

@@ -2,12 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <fstream>
 #include <functional>
-#include <iterator>
 
 #include <pocket_ptam/clock.h>
-#include "platform/files.h"
 #include "platform/input_error.h"
 #include "platform/run/html.h"
 #include "platform/run/names.h"
@@ -178,11 +175,6 @@ std::string plot_tracking(const RunLog& log) {
                       keys + "\n");
 }
 
-std::string read_if_there(const std::filesystem::path& file) {
-  std::ifstream stream(file, std::ios::binary);
-  return {std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
-}
-
 }  // namespace
 
 std::string plot_trajectories(const Evaluation& e, const Trajectory& truth) {
@@ -228,18 +220,17 @@ std::string plot_trajectories(const Evaluation& e, const Trajectory& truth) {
   return plot_svg(1120, 500, script + "unset multiplot\n");
 }
 
-void write_report(const std::filesystem::path& folder, const RunLog& log, const RunSummary& summary,
-                  const Trajectory& truth, std::vector<std::string>* warnings) {
+std::string report_page(const RunLog& log, const RunSummary& summary, const Trajectory& truth, const std::string& still,
+                        bool video, std::vector<std::string>* warnings) {
   std::string page = html_head("Pocket PTAM: " + log.camera.name) + "<h1>" + html_escaped(log.camera.name) + "</h1>\n";
   page += "<section class=\"side\"><div><table>\n";
   for (const SummaryRow& row : summarise(log, summary)) {
     page += "<tr><th>" + html_escaped(row.label) + "</th><td>" + html_escaped(row.value) + "</td></tr>\n";
   }
   page += "</table></div>\n";
-  const std::string still = read_if_there(folder / "overlay.png");
   if (!still.empty()) page += image_tag("image/png", still, "the camera's view with the map's points and a house");
   page += "</section>\n";
-  if (std::filesystem::exists(folder / "overlay.mp4")) {
+  if (video) {
     page += "<section><h2>Video</h2><a href=\"overlay.mp4\">overlay.mp4</a> (beside this file)</section>\n";
   }
 
@@ -269,7 +260,7 @@ void write_report(const std::filesystem::path& folder, const RunLog& log, const 
           (log.clock == ClockKind::kWork ? ". The work clock makes it repeatable bit for bit."
                                          : ". Timed by a real clock: a repeated run will differ.") +
           "</p></section>\n</main></body></html>\n";
-  write_text(folder / "report.html", page);
+  return page;
 }
 
 }  // namespace pptam::platform

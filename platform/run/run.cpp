@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <exception>
 #include <memory>
 #include <optional>
 
@@ -10,6 +11,8 @@
 #include "platform/files.h"
 #include "platform/input_error.h"
 #include "platform/run/clocks.h"
+#include "platform/run/interruption.h"
+#include "platform/text.h"
 
 namespace pptam::platform {
 namespace {
@@ -41,7 +44,7 @@ class LookAhead {
     std::swap(current_, next_);
     try {
       fetch();
-    } catch (const InputError& error) {
+    } catch (const std::exception& error) {  // no memory, too
       next_valid_ = false;
       *broken_ = error.what();
     }
@@ -168,7 +171,12 @@ Device make_device(const CameraInfo& camera, const RunOptions& options) {
   Device device;
   const size_t bytes = System::required_bytes(config);
   device.bytes = static_cast<int64_t>(bytes);
-  device.memory.resize((bytes + sizeof(std::max_align_t) - 1) / sizeof(std::max_align_t));
+  try {
+    device.memory.resize((bytes + sizeof(std::max_align_t) - 1) / sizeof(std::max_align_t));
+  } catch (const std::exception&) {
+    throw InputError(camera.name + ": there is not enough memory for such images and --max-keyframes: " +
+                     std::to_string(bytes >> 20) + " MB are needed");
+  }
   require(System::create(config, std::as_writable_bytes(std::span(device.memory)), &device.system));
   device.clock = make_clock(options, *device.system);
   device.system->set_clock(device.clock.get());
@@ -214,7 +222,9 @@ RunLog run_sequence(Camera& camera, const RunOptions& options, const StartObserv
   on_start(log.camera);
   Taps taps(options.taps_s, options.auto_start, !options.load_map.empty());
   const int64_t first_timestamp_ns = source.current().timestamp_ns;
-  const int64_t origin_ns = saturated_difference(clock->now_ns(), first_timestamp_ns);
+  int64_t origin_ns = saturated_difference(clock->now_ns(), first_timestamp_ns);
+  const int64_t max_wait_ns = static_cast<int64_t>(1e9 * options.max_wait_s);
+  int64_t passed_over_ns = 0;
   const auto advance = [&](int64_t since_ns) {
     const bool more = source.advance();
     clock->forget_since(since_ns);  // reading the source and drawing the overlay
@@ -224,7 +234,7 @@ RunLog run_sequence(Camera& camera, const RunOptions& options, const StartObserv
   do {
     const int index = log.source_frames++;
     const Frame& frame = source.current();
-    const int64_t arrival_ns = saturated_sum(origin_ns, frame.timestamp_ns);
+    int64_t arrival_ns = saturated_sum(origin_ns, frame.timestamp_ns);
     const auto next_ns = source.next_timestamp_ns();
     if (options.drop_late && next_ns && clock->now_ns() >= saturated_sum(origin_ns, *next_ns)) {
       ++log.dropped;
@@ -232,6 +242,14 @@ RunLog run_sequence(Camera& camera, const RunOptions& options, const StartObserv
       continue;
     }
     const int64_t idle_from_ns = clock->now_ns();
+    if (options.clock == ClockKind::kSteady) {  // nobody shall wait for hours
+      const int64_t too_long_ns = saturated_difference(saturated_difference(arrival_ns, idle_from_ns), max_wait_ns);
+      if (too_long_ns > 0) {
+        passed_over_ns = saturated_sum(passed_over_ns, too_long_ns);
+        origin_ns = saturated_difference(origin_ns, too_long_ns);
+        arrival_ns = saturated_sum(idle_from_ns, max_wait_ns);
+      }
+    }
     int slices = 0;
     for (; clock->now_ns() < arrival_ns && system->has_work(); ++slices) system->work_slice();
     const int64_t idle_to_ns = clock->now_ns();
@@ -257,8 +275,15 @@ RunLog run_sequence(Camera& camera, const RunOptions& options, const StartObserv
     if (options.hash_every > 0 && index % options.hash_every == 0) entry.map_hash = map_hash(*system);
     log.frames.push_back(entry);
     if (on_frame) on_frame(frame, result, log);
-  } while (advance(end_ns));
+  } while (!interrupted() && advance(end_ns));
+  if (interrupted()) log.broken = log.camera.name + ": " + interruption();
 
+  log.warnings = camera.remarks();
+  if (passed_over_ns > 0) {
+    log.warnings.push_back(log.camera.name + format(": --clock steady: pauses longer than %.3g s were cut to that, by "
+                                                    "%.0f s in all; --clock work keeps them",
+                                                    options.max_wait_s, 1e-9 * static_cast<double>(passed_over_ns)));
+  }
   take_map(*system, options, &log);
   return log;
 }

@@ -21,6 +21,7 @@ namespace pptam::platform {
 struct RunOptions {
   ClockKind clock = ClockKind::kWork;
   double slowdown = 30;  // throttled clock: a desktop core against a 412 MHz ARM1176, roughly
+  double max_wait_s = 5;  // for a frame, by the steady clock; longer pauses of a source are cut to it. Not swept
   bool drop_late = true;
   // Seconds after the first frame. Empty: at the first frame, and again whenever initialisation has failed.
   std::vector<double> taps_s;
@@ -44,7 +45,8 @@ using StartObserver = std::function<void(const CameraInfo&)>;
 std::vector<std::byte> read_map_file(const std::filesystem::path& file);
 
 // Throws InputError when nothing could be tracked (no first frame, a calibration that the system refuses); a
-// source that breaks later ends the run and leaves its reason in RunLog::broken.
+// source that breaks later ends the run and leaves its reason in RunLog::broken, and so does a signal
+// (platform/run/interruption.h) after the frame that it meets.
 RunLog run_sequence(Camera& camera, const RunOptions& options, const StartObserver& on_start,
                     const FrameObserver& on_frame);
 

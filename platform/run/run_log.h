@@ -54,9 +54,10 @@ struct RunLog {
   MapFit map_fit;
   int map_parts = 0;  // System::map_parts(kHoldingPoints): 1 for a sound map, 0 without one
   int64_t memory_bytes = 0;
-  std::vector<std::byte> saved_map;  // if RunOptions ask for it
-  std::string save_trouble;          // why it is empty although they do
-  std::string broken;                // what stopped the source midway; empty: it ran to its end
+  std::vector<std::byte> saved_map;   // if RunOptions ask for it
+  std::string save_trouble;           // why it is empty although they do
+  std::string broken;                 // what stopped the source midway; empty: it ran to its end
+  std::vector<std::string> warnings;  // one line each: the camera's remarks, pauses that were cut
 
   Trajectory trajectory() const;               // the frames with a pose, camera-to-world
   Trajectory keyframe_trajectory() const;      // in the order of time

@@ -1,5 +1,7 @@
 #include "platform/run/summary.h"
 
+#include <algorithm>
+#include <map>
 #include <utility>
 
 #include "platform/run/names.h"
@@ -8,10 +10,63 @@
 namespace pptam::platform {
 namespace {
 
+constexpr double kWorthNaming = 0.1;  // share of the frames with a hint. Not swept
+constexpr double kLongLoss_s = 2;     // without a pose: the return to a known view takes a second. Not swept
+
 std::string limits_of(const RunLog& log) {
   uint32_t bits = 0;
   for (const FrameLog& frame : log.frames) bits |= frame.limits_hit;
   return limit_names(bits);
+}
+
+// What the system asked for in those frames, the most frequent first: how often, and what the user can do.
+void append_reasons(const std::vector<const FrameLog*>& frames, std::vector<SummaryRow>* rows) {
+  std::map<Hint, size_t> counts;
+  for (const FrameLog* frame : frames) ++counts[frame->hint];
+  std::vector<std::pair<size_t, Hint>> order;
+  for (const auto& [hint, count] : counts) {
+    if (static_cast<double>(count) >= kWorthNaming * static_cast<double>(frames.size()) && *advice_for(hint) != '\0')
+      order.emplace_back(count, hint);
+  }
+  std::stable_sort(order.begin(), order.end(), [](const auto& a, const auto& b) { return a.first > b.first; });
+  for (const auto& [count, hint] : order) {
+    rows->push_back(
+        {"  why", format("in %.0f %% of %zu frames: ",
+                         100 * static_cast<double>(count) / static_cast<double>(frames.size()), frames.size()) +
+                      advice_for(hint)});
+  }
+}
+
+// The frames of the longest stretch without a pose after the first one; empty when it was short. blurred: the share of
+// blurred ones in the second before it.
+std::vector<const FrameLog*> longest_loss(const RunLog& log, double* from_s, double* length_s, double* blurred) {
+  size_t begin = 0, end = 0;
+  bool tracked = false;
+  for (size_t i = 0; i < log.frames.size(); ++i) {
+    if (log.frames[i].pose_valid) {
+      tracked = true;
+      continue;
+    }
+    if (!tracked) continue;
+    size_t last = i;
+    while (last < log.frames.size() && !log.frames[last].pose_valid) ++last;
+    if (last - i > end - begin) {
+      begin = i;
+      end = last;
+    }
+    i = last - 1;
+  }
+  if (end == begin) return {};
+  *from_s = log.seconds(log.frames[begin].timestamp_ns);
+  *length_s = log.seconds(log.frames[end - 1].timestamp_ns) - *from_s;
+  if (*length_s < kLongLoss_s) return {};
+  int before = 0, blurred_before = 0;
+  for (size_t i = begin; i-- > 0 && log.seconds(log.frames[i].timestamp_ns) > *from_s - 1; ++before)
+    blurred_before += log.frames[i].blurred ? 1 : 0;
+  *blurred = before > 0 ? static_cast<double>(blurred_before) / before : 0;
+  std::vector<const FrameLog*> frames;
+  for (size_t i = begin; i < end; ++i) frames.push_back(&log.frames[i]);
+  return frames;
 }
 
 }  // namespace
@@ -40,8 +95,21 @@ std::vector<SummaryRow> summarise(const RunLog& log, const RunSummary& summary) 
                                    log.frames.empty() ? 0.0 : log.seconds(log.frames.back().timestamp_ns))});
   rows.push_back(
       {"initialised", first == nullptr ? "never" : format("after %.2f s", log.seconds(first->timestamp_ns))});
-  if (first != nullptr) {
+  if (first == nullptr) {
+    std::vector<const FrameLog*> all;
+    for (const FrameLog& frame : log.frames) all.push_back(&frame);
+    append_reasons(all, &rows);
+  } else {
     rows.push_back({"tracked since then", format("%.1f %% of the frames", 100 * log.tracked_fraction())});
+    double from_s = 0, length_s = 0, blurred = 0;
+    const std::vector<const FrameLog*> lost = longest_loss(log, &from_s, &length_s, &blurred);
+    if (!lost.empty()) {
+      rows.push_back({"longest loss", format("%.1f s, from %.1f s on", length_s, from_s)});
+      if (blurred >= kWorthNaming)
+        rows.push_back(
+            {"  why", format("in %.0f %% of the second before it: ", 100 * blurred) + advice_for(Hint::kTooFast)});
+      append_reasons(lost, &rows);
+    }
     rows.push_back({"reprojection error", format("%.2f px rms", log.reprojection_px())});
     rows.push_back({"map", format("%zu keyframes, %zu points", log.keyframes.size(), log.map_points.size()) +
                                (log.map_parts > 1 ? format(", fallen into %d parts", log.map_parts) : "")});
@@ -63,6 +131,7 @@ std::vector<SummaryRow> summarise(const RunLog& log, const RunSummary& summary) 
   rows.insert(rows.end(), summary.judgement.begin(), summary.judgement.end());
   rows.push_back({"map hash", format("%016llx", static_cast<unsigned long long>(log.map_hash))});
   if (!log.broken.empty()) rows.push_back({"stopped early", log.broken});
+  for (const std::string& warning : summary.warnings) rows.push_back({"warning", warning});
   return rows;
 }
 

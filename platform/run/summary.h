@@ -22,6 +22,7 @@ struct RunSummary {
   bool plane_known = false;           // the truth's z = 0 is the scene's dominant plane
   std::string command;                // how to repeat the run
   std::string version;
+  std::vector<std::string> warnings;  // a row each
 };
 
 std::vector<SummaryRow> summarise(const RunLog& log, const RunSummary& summary);

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
-#include <system_error>
 
 #include <pocket_ptam/clock.h>
 #include "platform/input_error.h"
@@ -12,22 +11,22 @@ namespace pptam::platform {
 
 VideoWriter::VideoWriter(const std::filesystem::path& file, int width, int height, double fps,
                          std::vector<std::string>* warnings)
-    : file_(file), height_(height), fps_(fps), warnings_(warnings) {
+    : height_(height), fps_(fps), warnings_(warnings) {
   const std::string size = std::to_string(width) + "x" + std::to_string(height);
   const char* pixels = std::endian::native == std::endian::little ? "bgra" : "argb";
   const std::string rate = std::to_string(fps_);
-  const std::string output = "file:" + file_.string();  // a name is never taken for an option or URL
+  const std::string output = "file:" + file.string();  // a name is never taken for an option or URL
   std::vector<std::string> command = {"ffmpeg", "-nostdin", "-loglevel", "error", "-y"};
   for (const char* word :
-       {"-f", "rawvideo", "-pix_fmt", pixels,      "-s",         size.c_str(),  "-r",       rate.c_str(),
-        "-i", "pipe:0",   "-an",      "-c:v",      "libx264",    "-preset",     "veryfast", "-crf",
-        "20", "-pix_fmt", "yuv420p",  "-movflags", "+faststart", output.c_str()}) {
+       {"-f", "rawvideo", "-pix_fmt", pixels,      "-s",         size.c_str(), "-r",       rate.c_str(),
+        "-i", "pipe:0",   "-an",      "-c:v",      "libx264",    "-preset",    "veryfast", "-crf",
+        "20", "-pix_fmt", "yuv420p",  "-movflags", "+faststart", "-f",         "mp4",      output.c_str()}) {
     command.emplace_back(word);
   }
   try {
     encoder_ = std::make_unique<ChildProcess>(command, ChildProcess::Pipe::kWriteStdin);
   } catch (const InputError& error) {
-    warnings_->push_back(std::string(error.what()) + "; " + file_.filename().string() + " is not written");
+    warnings_->push_back(std::string(error.what()) + "; there will be no video");
   }
 }
 
@@ -42,23 +41,21 @@ void VideoWriter::add(const unsigned char* pixels, size_t stride_bytes, int64_t 
   const size_t bytes = stride_bytes * static_cast<size_t>(height_);
   if (encoded_ > 0) {
     for (int64_t i = 1; i < std::min(missing, kMaxStill); ++i, ++encoded_) {
-      if (!encoder_->write(previous_.data(), bytes)) return finish();
+      if (!encoder_->write(previous_.data(), bytes)) return void(finish());
     }
   }
-  if (!encoder_->write(pixels, bytes)) return finish();
+  if (!encoder_->write(pixels, bytes)) return void(finish());
   ++encoded_;
   previous_.assign(pixels, pixels + bytes);
 }
 
-void VideoWriter::finish() {
-  if (!encoder_) return;
+bool VideoWriter::finish() {
+  if (!encoder_) return whole_;
   const int code = encoder_->finish();
-  if (code != 0) {
-    std::error_code ignored;
-    std::filesystem::remove(file_, ignored);
-    warnings_->push_back("ffmpeg failed, " + file_.filename().string() + " is not written: " + encoder_->errors());
-  }
+  whole_ = code == 0 && encoded_ > 0;
+  if (code != 0) warnings_->push_back("ffmpeg failed, there is no video: " + encoder_->errors());
   encoder_.reset();
+  return whole_;
 }
 
 }  // namespace pptam::platform

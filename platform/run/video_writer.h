@@ -16,15 +16,15 @@ namespace pptam::platform {
 
 class VideoWriter {
  public:
-  // width and height are even. Without ffmpeg no file is written, and warnings says so; likewise when ffmpeg fails.
+  // width and height are even; the file becomes an MP4 whatever its name. Without ffmpeg nothing is written, and
+  // warnings says so; likewise when ffmpeg fails.
   VideoWriter(const std::filesystem::path& file, int width, int height, double fps, std::vector<std::string>* warnings);
 
   // Rows of 32-bit pixels as cairo has them; every picture has the same stride, width times 4.
   void add(const unsigned char* pixels, size_t stride_bytes, int64_t timestamp_ns);
-  void finish();
+  bool finish();  // false: there is no video
 
  private:
-  std::filesystem::path file_;
   int height_;
   double fps_;
   std::vector<std::string>* warnings_;
@@ -33,6 +33,7 @@ class VideoWriter {
   int64_t first_ns_ = 0;
   int64_t encoded_ = 0;  // pictures
   int64_t skipped_ = 0;  // pictures of long pauses that were left out
+  bool whole_ = false;
 };
 
 }  // namespace pptam::platform

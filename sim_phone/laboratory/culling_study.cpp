@@ -8,6 +8,7 @@
 #include "platform/input_error.h"
 #include "platform/run/console.h"
 #include "platform/run/evaluation.h"
+#include "platform/run/interruption.h"
 #include "platform/run/jobs.h"
 #include "platform/run/statistics.h"
 #include "platform/text.h"
@@ -68,14 +69,15 @@ bool run_culling_study(const CullingStudyOptions& options) {
     phone.scene = scene;
     sim::check_phone_options(phone);
   }
-  std::vector<Pair> pairs(scenes.size() * seeds);
-  run_jobs(options.jobs, pairs.size(), [&](size_t i) {
+  stop_on_signals();
+  std::vector<Pair> all(scenes.size() * seeds);
+  const std::vector<bool> done = run_jobs(options.jobs, all.size(), [&](size_t i) {
     sim::PhoneOptions phone = options.phone;
     phone.scene = scenes[i / seeds];
     phone.seed = 1 + i % seeds;
     KeepingCamera camera(sim::make_phone_camera(phone));
     const platform::Trajectory truth = camera.ground_truth();
-    Pair& pair = pairs[i];
+    Pair& pair = all[i];
     pair.name = phone.scene + " " + std::to_string(phone.seed);
     pair.culled = see(camera, options.run, truth);
     RunOptions enough = options.run;
@@ -83,6 +85,10 @@ bool run_culling_study(const CullingStudyOptions& options) {
     pair.all = see(camera, enough, truth);
     return pair.name;
   });
+  std::vector<Pair> pairs;  // those that a signal has not cut short
+  for (size_t i = 0; i < all.size(); ++i) {
+    if (done[i]) pairs.push_back(all[i]);
+  }
 
   std::vector<std::vector<std::string>> rows;
   std::vector<double> ratios, culled_errors, all_errors;
@@ -115,7 +121,9 @@ bool run_culling_study(const CullingStudyOptions& options) {
       kEnoughKeyframes, percentile(culled_errors, 0.5), percentile(all_errors, 0.5), ratio, percentile(ratios, 0.9),
       kGoalRatio, split, pairs.size(), lost, met ? "the goals are met" : "the goals are NOT met");
   std::fflush(stdout);
-  return met;
+  if (pairs.size() < all.size())
+    print_error(interruption() + format(": %zu of %zu pairs are missing", all.size() - pairs.size(), all.size()));
+  return met && pairs.size() == all.size();
 }
 
 }  // namespace pptam::laboratory

@@ -4,10 +4,12 @@
 #include <cmath>
 #include <cstdio>
 #include <memory>
+#include <stdexcept>
 
 #include "platform/input_error.h"
 #include "platform/run/console.h"
 #include "platform/run/evaluation.h"
+#include "platform/run/interruption.h"
 #include "platform/run/names.h"
 #include "platform/run/statistics.h"
 #include "platform/text.h"
@@ -204,6 +206,7 @@ EnduranceReport endure(const EnduranceOptions& options, bool quiet) {
   RunOptions run = options.run;
   run.hash_every = minute_frames - 1;  // near the end of each minute
 
+  stop_on_signals();
   EnduranceReport report;
   for (int round = 0; round < (options.twice ? 2 : 1); ++round) {
     LapCamera camera(lap, plan);
@@ -216,6 +219,7 @@ EnduranceReport endure(const EnduranceOptions& options, bool quiet) {
                       name_of(entry.state), entry.keyframes, entry.erased_keyframes, entry.map_points));
         });
     next_stage();
+    if (!log.broken.empty()) throw std::runtime_error(log.broken + "; there is no result of a shorter time");
     std::vector<EnduranceMinute> minutes =
         judge_minutes(log, camera.ground_truth(), plan, minute_frames, options.minutes);
     if (round > 0) {
@@ -264,7 +268,7 @@ bool run_endurance(const EnduranceOptions& options) {
       "memory: %.1f MB, all of it from the start. Frames dropped: %d. Parts of the map: %d.%s\n",
       kJudgedMinute + 1, kRefind_s, 1e-6 * static_cast<double>(report.memory_bytes), report.dropped, report.map_parts,
       options.twice ? (report.same_twice ? " The second run gave the same maps." : "") : "");
-  for (const std::string& fault : report.faults) std::printf("not met: %s\n", fault.c_str());
+  for (const std::string& fault : report.faults) print_line("not met: " + fault);
   if (report.faults.empty()) std::printf("all criteria are met\n");
   std::fflush(stdout);
   return report.faults.empty();

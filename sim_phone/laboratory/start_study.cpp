@@ -5,17 +5,20 @@
 #include <limits>
 #include <numbers>
 #include <optional>
+#include <utility>
 
-#include "platform/files.h"
 #include "platform/input_error.h"
+#include "platform/outputs.h"
 #include "platform/run/console.h"
 #include "platform/run/evaluation.h"
 #include "platform/run/html.h"
+#include "platform/run/interruption.h"
 #include "platform/run/jobs.h"
 #include "platform/run/names.h"
 #include "platform/run/statistics.h"
 #include "platform/text.h"
 #include "sim_phone/hand.h"
+#include "sim_phone/laboratory/results.h"
 #include "sim_phone/random.h"
 
 namespace pptam::laboratory {
@@ -423,12 +426,14 @@ StudyTrial run_study_trial(const std::string& kind, uint64_t seed, double follow
 
 int run_study(const StudyOptions& options) {
   for (const std::string& kind : options.kinds) kind_named(kind);
-  platform::make_folder(options.out, "--out");
+  OutputFolder folder(options.out, "--out", {"study.csv", "study.html"}, {});
+  folder.prepare();
+  stop_on_signals();
 
   const size_t seeds = static_cast<size_t>(options.seeds);
   const size_t groups = (seeds + kTrialsPerScene - 1) / kTrialsPerScene;
   std::vector<StudyTrial> trials(options.kinds.size() * seeds);
-  run_jobs(options.jobs, options.kinds.size() * groups, [&](size_t job) {
+  const std::vector<bool> done = run_jobs(options.jobs, options.kinds.size() * groups, [&](size_t job) {
     const size_t kind = job / groups;
     const size_t first = job % groups * kTrialsPerScene;
     std::shared_ptr<const sim::Scene> scene;
@@ -445,6 +450,12 @@ int run_study(const StudyOptions& options) {
     }
     return "finished " + options.kinds[kind] + " " + std::to_string(first + 1) + " and following";
   });
+  const size_t asked = trials.size();
+  std::vector<StudyTrial> whole;  // those of jobs that a signal has not cut short
+  for (size_t i = 0; i < asked; ++i) {
+    if (done[i / seeds * groups + i % seeds / kTrialsPerScene]) whole.push_back(std::move(trials[i]));
+  }
+  trials = std::move(whole);
 
   std::vector<std::vector<std::string>> rows;
   for (const std::string& kind : options.kinds) rows.push_back(summary_cells(kind, trials));
@@ -460,15 +471,16 @@ int run_study(const StudyOptions& options) {
                              : trial.wrong_plane()  ? format("normal %.1f degrees off", trial.normal_deg)
                                                     : format("%.0f %% of the depths right, %.0f %% of the poses wrong",
                                                              100 * trial.depth_share, 100 * trial.wrong_fraction);
-    std::printf("not right: %s %d: %s\n", trial.kind.c_str(), static_cast<int>(trial.seed), what.c_str());
+    print_line("not right: " + trial.kind + format(" %d: ", static_cast<int>(trial.seed)) + what);
   }
-  platform::write_text(options.out / "study.csv", csv_of(trials));
-  try {
-    platform::write_text(options.out / "study.html", html_of(trials, options, rows));
-  } catch (const InputError& problem) {
-    print_warning(std::string(problem.what()) + "; study.html is not written");
+  if (trials.size() < asked) {
+    print_error(interruption() +
+                format(": %zu of %zu trials are missing; the others are written", asked - trials.size(), asked));
+    ++broken;
   }
-  std::printf("\nwritten to %s: study.csv study.html\n", options.out.string().c_str());
+  if (!write_results(&folder, "study.csv", csv_of(trials), "study.html",
+                     [&] { return html_of(trials, options, rows); }))
+    ++broken;
   return broken;
 }
 

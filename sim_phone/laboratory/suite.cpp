@@ -9,16 +9,19 @@
 #include <mutex>
 #include <optional>
 #include <thread>
+#include <utility>
 
-#include "platform/files.h"
 #include "platform/input_error.h"
+#include "platform/outputs.h"
 #include "platform/run/console.h"
 #include "platform/run/html.h"
+#include "platform/run/interruption.h"
 #include "platform/run/jobs.h"
 #include "platform/run/statistics.h"
 #include "platform/text.h"
 #include "sim_phone/laboratory/judgement.h"
 #include "sim_phone/laboratory/keeping_camera.h"
+#include "sim_phone/laboratory/results.h"
 #include "sim_phone/story.h"
 
 namespace pptam::laboratory {
@@ -400,6 +403,7 @@ std::string csv_of(const std::vector<Row>& runs) {
                   j.recovered, row.keyframes, row.points, row.dropped);
     std::string trouble = row.trouble;
     std::replace(trouble.begin(), trouble.end(), ',', ';');
+    std::replace(trouble.begin(), trouble.end(), '\n', ' ');
     csv += row.repeat + "," + trouble + "\n";
   }
   return csv;
@@ -502,15 +506,23 @@ int run_suite(const SuiteOptions& options) {
   for (size_t group = 0; group < groups.size(); ++group) {  // refuses bad options before hours of work
     sim::check_phone_options(phone_for(options, group, 1));
   }
-  platform::make_folder(options.out, "--out");
+  Inputs inputs;
+  inputs.add("the map of --load-map", options.run.load_map);
+  OutputFolder folder(options.out, "--out", {"suite.csv", "suite.html"}, inputs);
+  folder.prepare();
+  stop_on_signals();
 
   const size_t seeds = static_cast<size_t>(options.seeds);
   const std::vector<size_t> chosen = runs_of(options.shard, groups.size() * seeds);
-  std::vector<Row> runs(chosen.size());
-  run_jobs(options.jobs, runs.size(), [&](size_t i) {
-    runs[i] = run_one(options, chosen[i] / seeds, chosen[i] % seeds + 1);
-    return "finished " + runs[i].name;
+  std::vector<Row> all(chosen.size());
+  const std::vector<bool> done = run_jobs(options.jobs, all.size(), [&](size_t i) {
+    all[i] = run_one(options, chosen[i] / seeds, chosen[i] % seeds + 1);
+    return "finished " + all[i].name;
   });
+  std::vector<Row> runs;  // those that a signal has not cut short
+  for (size_t i = 0; i < all.size(); ++i) {
+    if (done[i]) runs.push_back(std::move(all[i]));
+  }
 
   std::vector<Row> summary;
   for (const std::string& group : groups) {
@@ -525,15 +537,17 @@ int run_suite(const SuiteOptions& options) {
   for (const Row& row : runs) {
     if (!row.trouble.empty()) ++broken;
     const std::string faults = faults_of(row);
-    if (!faults.empty()) std::printf("pocket-ptam sim %s: %s\n", row.repeat.c_str(), faults.c_str());
+    if (!faults.empty()) print_line("pocket-ptam sim " + row.repeat + ": " + faults);
   }
-  platform::write_text(options.out / "suite.csv", csv_of(runs));
-  try {
-    platform::write_text(options.out / "suite.html", html_of(runs, summary, goals, groups, options));
-  } catch (const InputError& problem) {
-    print_warning(std::string(problem.what()) + "; suite.html is not written");
+  const size_t missing = all.size() - runs.size();
+  if (missing > 0) {
+    print_error(interruption() + format(": %zu of %zu runs are missing; the others are written", missing, all.size()));
+    ++broken;
   }
-  std::printf("\nwritten to %s: suite.csv suite.html\n", options.out.string().c_str());
+  if (!write_results(&folder, "suite.csv", csv_of(runs), "suite.html",
+                     [&] { return html_of(runs, summary, goals, groups, options); })) {
+    ++broken;
+  }
   return broken;
 }
 

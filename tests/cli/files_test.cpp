@@ -94,6 +94,67 @@ TEST_F(Files, WhatCannotBeWrittenOrReadIsNamed) {
   names(message([&] { read_file(file_, kSize - 1); }), "too large");
 }
 
+TEST_F(Files, PermissionsAreThoseOfTheFileReplacedOrOfTheUmask) {
+  const auto mode_of = [](const fs::path& file) { return static_cast<int>(fs::status(file).permissions()) & 0777; };
+  const mode_t before = ::umask(027);
+  write_atomically(file_, old_);
+  EXPECT_EQ(mode_of(file_), 0640);
+  for (const int mode : {0600, 0664, 0444}) {  // narrower and wider than the umask
+    fs::permissions(file_, static_cast<fs::perms>(mode));
+    write_atomically(file_, new_);
+    EXPECT_EQ(mode_of(file_), mode);
+  }
+  ::umask(before);
+}
+
+// Somebody who may write to the folder, and who knew the draft's name, has put a link there.
+TEST_F(Files, ADraftFollowsNoPlantedLink) {
+  class Planting final : public FileOperations {
+   public:
+    explicit Planting(fs::path victim) : victim_(std::move(victim)) {}
+    int open(const char* path, int flags, mode_t mode) override {
+      if ((flags & O_CREAT) != 0 && planted_.size() < 3) {
+        fs::create_symlink(victim_, path);
+        planted_.emplace_back(path);
+      }
+      return FileOperations::open(path, flags, mode);
+    }
+    const std::vector<fs::path>& planted() const { return planted_; }
+
+   private:
+    fs::path victim_;
+    std::vector<fs::path> planted_;
+  };
+  const fs::path victim = folder_ / "victim.txt";
+  write_atomically(victim, old_);
+  Planting planting(victim);
+  write_atomically(file_, new_, &planting);
+  EXPECT_EQ(read_file(victim, kSize), old_);
+  EXPECT_EQ(read_file(file_, kSize), new_);
+  EXPECT_FALSE(fs::is_symlink(file_));
+  ASSERT_EQ(planting.planted().size(), 3u) << "another name was tried each time";
+  EXPECT_NE(planting.planted()[0], planting.planted()[1]);
+  for (const fs::path& link : planting.planted()) EXPECT_TRUE(fs::is_symlink(link)) << "it is not ours to remove";
+}
+
+TEST_F(Files, DraftsCanBeRemovedByAHandlerOfSignals) {
+  write_atomically(file_, old_);
+  const pid_t child = ::fork();
+  ASSERT_GE(child, 0);
+  if (child == 0) {
+    Draft one(file_), other(folder_ / "other.txt");
+    one.write(new_);
+    if (entries() != 3) ::_exit(1);
+    remove_drafts();
+    ::_exit(0);
+  }
+  int status = 0;
+  ASSERT_EQ(::waitpid(child, &status, 0), child);
+  EXPECT_EQ(status, 0);
+  EXPECT_EQ(entries(), 1u);
+  EXPECT_EQ(read_file(file_, kSize), old_);
+}
+
 // The n-th call fails, or is the last thing that the process does: of a write half is done then.
 class Faulty final : public FileOperations {
  public:
@@ -107,6 +168,7 @@ class Faulty final : public FileOperations {
     }
     return strikes() ? -1 : FileOperations::write(fd, data, bytes);
   }
+  int fchmod(int fd, mode_t mode) override { return strikes() ? -1 : FileOperations::fchmod(fd, mode); }
   int fsync(int fd) override { return strikes() ? -1 : FileOperations::fsync(fd); }
   int close(int fd) override {
     const bool strike = strikes();
@@ -129,10 +191,11 @@ class Faulty final : public FileOperations {
 };
 
 TEST_F(Files, AnyCallMayFail) {
+  write_atomically(file_, old_);
   Faulty counter(0, EIO);
   write_atomically(file_, new_, &counter);
-  // open, five writes of 64 KB, fsync, close, rename; open, fsync and close of the folder.
-  EXPECT_EQ(counter.calls(), 12);
+  // open, five writes of 64 KB, fchmod, fsync, close, rename; open, fsync and close of the folder.
+  EXPECT_EQ(counter.calls(), 13);
   int failed = 0;
   for (int nth = 1; nth <= counter.calls(); ++nth) {
     for (const int error : {ENOSPC, EIO}) {
@@ -196,9 +259,9 @@ TEST_F(Files, AProcessKilledAtAnyCallLeavesTheOldFileOrTheNew) {
       EXPECT_EQ(left, new_) << nth;
     }
   }
-  EXPECT_EQ(killed, 12);
-  EXPECT_EQ(old_left, 9) << "up to the call of rename";
-  EXPECT_EQ(new_left, 11);
+  EXPECT_EQ(killed, 13);
+  EXPECT_EQ(old_left, 10) << "up to the call of rename";
+  EXPECT_EQ(new_left, 10);
 }
 
 struct PowerCut {};
