@@ -171,7 +171,7 @@ void OutputFolder::prepare() const {
       made.insert(made.end(), missing.begin(), missing.end());
       make_folder(folder, option_);
     }
-    try_to_write(path(kListName));
+    if (!names_.empty()) try_to_write(path(names_.front()));
   } catch (const InputError&) {
     std::error_code ignored;
     for (auto folder = made.rbegin(); folder != made.rend(); ++folder) fs::remove(*folder, ignored);  // if empty
@@ -222,6 +222,7 @@ void check_output_file(const std::string& option, const fs::path& file, const In
                        const std::function<bool(std::span<const std::byte>)>& ours) {
   const std::string named = option + " " + file.string();
   std::error_code error;
+  if (file.empty()) throw InputError(option + ": the file's name is empty");
   if (fs::is_directory(file, error)) throw InputError(named + ": is a folder");
   const fs::path folder = file.parent_path();
   if (!folder.empty() && !fs::is_directory(folder, error))

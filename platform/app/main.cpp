@@ -1,6 +1,7 @@
 // pocket-ptam: tracks and maps a recorded or an emulated sequence, and judges the result. Here the command is chosen.
 
 #include <fcntl.h>
+#include <poll.h>
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
@@ -106,7 +107,8 @@ bool all_printed() {
   errno = 0;
   const bool flushed = std::fflush(stdout) == 0;
   if (flushed && std::ferror(stdout) == 0) return true;
-  if (errno == EPIPE) return false;  // the reader has seen enough, such as head
+  pollfd reader = {STDOUT_FILENO, POLLOUT, 0};
+  if (::poll(&reader, 1, 0) == 1 && (reader.revents & POLLERR) != 0) return false;  // has seen enough, such as head
   print_error(std::string("results could not be printed") +
               (errno != 0 ? std::string(": ") + std::strerror(errno) : ""));
   return false;

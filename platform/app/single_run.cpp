@@ -1,8 +1,10 @@
 #include "platform/app/single_run.h"
 
 #include <algorithm>
+#include <cerrno>
 #include <cstddef>
 #include <cstdio>
+#include <cstring>
 #include <exception>
 #include <filesystem>
 #include <functional>
@@ -84,26 +86,27 @@ OutputFolder check_folder(const RunOptions& run, const std::filesystem::path& fo
 class Show {
  public:
   Show(const CameraInfo& camera, const OutputFolder& folder, std::vector<std::string>* warnings)
-      : warnings_(warnings), draft_(folder.path(kVideo)), overlay_(camera, draft_.path(), warnings) {}
+      : draft_(folder.path(kVideo)), overlay_(camera, draft_.path(), warnings) {}
 
   void add(const Frame& frame, const TrackResult& result, const FrameLog& entry) {
-    if (broken_) return;
+    if (!trouble_.empty()) return;
     try {
       overlay_.add(frame, result, entry);
     } catch (const std::exception& error) {
-      broken_ = true;
-      warnings_->push_back(std::string("the overlay ends early: ") + error.what());
+      trouble_ = error.what();
     }
   }
-  // Once: null without a video.
-  Draft* video() { return overlay_.finish() ? &draft_ : nullptr; }
+  // Once: null without an encoder. Throws InputError when it failed.
+  Draft* video() {
+    if (!trouble_.empty()) throw InputError(trouble_);
+    return overlay_.finish() ? &draft_ : nullptr;
+  }
   const Overlay& overlay() const { return overlay_; }
 
  private:
-  std::vector<std::string>* warnings_;
   Draft draft_;
   Overlay overlay_;
-  bool broken_ = false;
+  std::string trouble_;
 };
 
 // The run, with its overlay and its progress on the terminal. The folder is made once the input is known to be good.
@@ -150,11 +153,14 @@ class Writing {
     try {
       write();
     } catch (const std::exception& error) {
-      print_error(error.what());
-      failed_ = true;
+      failed(error.what());
     }
   }
-  bool failed() const { return failed_; }
+  void failed(const std::string& why) {
+    print_error(why);
+    failed_ = true;
+  }
+  bool any_failed() const { return failed_; }
 
  private:
   bool failed_ = false;
@@ -174,20 +180,33 @@ int run_and_write(platform::Camera& camera, const RunOptions& run_options, const
   std::unique_ptr<Show> show;
   const RunLog log = run_and_show(camera, run_options, output, folder, &show, &warnings);
 
-  // What cannot be had again first.
+  // What matters most comes first, and the video's draft makes room for it on a disk that is full.
   Writing writing;
+  const auto attempt_first = [&](const std::function<void()>& write) {
+    if (show) {
+      try {
+        return write();
+      } catch (const InputError& error) {
+        if (std::string(error.what()).find(std::strerror(ENOSPC)) != std::string::npos) {
+          writing.failed(std::string(error.what()) + ": overlay.mp4 and the stills are given up for it");
+          show.reset();
+        }
+      }
+    }
+    writing.attempt(write);
+  };
   bool map_saved = false;
   if (!log.saved_map.empty()) {
-    writing.attempt([&] {
+    attempt_first([&] {
       write_atomically(output.save_map, log.saved_map);
       map_saved = true;
     });
   }
   const std::string head = "timestamp tx ty tz qx qy qz qw, camera-to-world, world units";
-  writing.attempt([&] { folder.write("trajectory.txt", tum_text(log.trajectory(), head)); });
-  writing.attempt([&] { folder.write("keyframes.txt", tum_text(log.keyframe_trajectory(), head)); });
-  writing.attempt([&] { folder.write("map.ply", ply_text(log.map_points)); });
-  writing.attempt([&] { folder.write("frames.csv", frames_text(log)); });
+  attempt_first([&] { folder.write("trajectory.txt", tum_text(log.trajectory(), head)); });
+  attempt_first([&] { folder.write("keyframes.txt", tum_text(log.keyframe_trajectory(), head)); });
+  attempt_first([&] { folder.write("map.ply", ply_text(log.map_points)); });
+  attempt_first([&] { folder.write("frames.csv", frames_text(log)); });
   std::string good_png;
   bool video = false;
   if (show) {
@@ -235,8 +254,8 @@ int run_and_write(platform::Camera& camera, const RunOptions& run_options, const
   if (!log.save_trouble.empty())
     print_error("--save-map " + output.save_map + ": nothing was saved: " + log.save_trouble);
   if (!log.broken.empty())
-    print_error(log.broken + "; what came before it was tracked" + (writing.failed() ? "" : " and written"));
-  return log.broken.empty() && log.save_trouble.empty() && !writing.failed() ? kExitOk : kExitBroken;
+    print_error(log.broken + "; what came before it was tracked" + (writing.any_failed() ? "" : " and written"));
+  return log.broken.empty() && log.save_trouble.empty() && !writing.any_failed() ? kExitOk : kExitBroken;
 }
 
 }  // namespace pptam::app

@@ -22,8 +22,9 @@ class Overlay {
   Overlay(const Overlay&) = delete;
   Overlay& operator=(const Overlay&) = delete;
 
+  // Throws InputError when the video cannot go on.
   void add(const Frame& frame, const TrackResult& result, const FrameLog& log);
-  // Closes the video; false: there is none, and warnings says why.
+  // Closes the video; false: there is none. Throws InputError when it failed.
   bool finish();
   // As PNG files; empty when there was no such view.
   std::string start_png() const;  // the last view of the initialisation

@@ -93,6 +93,11 @@ std::vector<SummaryRow> summarise(const RunLog& log, const RunSummary& summary) 
                                      log.camera.model.height, log.camera.frames_per_s)});
   rows.push_back({"frames", format("%zu tracked, %d dropped, %.1f s", log.frames.size(), log.dropped,
                                    log.frames.empty() ? 0.0 : log.seconds(log.frames.back().timestamp_ns))});
+  if (log.dropped >= kWorthNaming * log.source_frames && log.dropped > 0) {
+    rows.push_back({"  why",
+                    "dropped because tracking took longer than the time between two frames: smaller images "
+                    "(--resize WxH), or --no-drop to take the time"});
+  }
   rows.push_back(
       {"initialised", first == nullptr ? "never" : format("after %.2f s", log.seconds(first->timestamp_ns))});
   if (first == nullptr) {

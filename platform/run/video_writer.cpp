@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <utility>
 
 #include <pocket_ptam/clock.h>
 #include "platform/input_error.h"
@@ -11,7 +12,7 @@ namespace pptam::platform {
 
 VideoWriter::VideoWriter(const std::filesystem::path& file, int width, int height, double fps,
                          std::vector<std::string>* warnings)
-    : height_(height), fps_(fps), warnings_(warnings) {
+    : height_(height), fps_(fps) {
   const std::string size = std::to_string(width) + "x" + std::to_string(height);
   const char* pixels = std::endian::native == std::endian::little ? "bgra" : "argb";
   const std::string rate = std::to_string(fps_);
@@ -26,7 +27,7 @@ VideoWriter::VideoWriter(const std::filesystem::path& file, int width, int heigh
   try {
     encoder_ = std::make_unique<ChildProcess>(command, ChildProcess::Pipe::kWriteStdin);
   } catch (const InputError& error) {
-    warnings_->push_back(std::string(error.what()) + "; there will be no video");
+    warnings->push_back(std::string(error.what()) + "; overlay.mp4 is not written");
   }
 }
 
@@ -51,10 +52,9 @@ void VideoWriter::add(const unsigned char* pixels, size_t stride_bytes, int64_t 
 
 bool VideoWriter::finish() {
   if (!encoder_) return whole_;
-  const int code = encoder_->finish();
-  whole_ = code == 0 && encoded_ > 0;
-  if (code != 0) warnings_->push_back("ffmpeg failed, there is no video: " + encoder_->errors());
-  encoder_.reset();
+  const std::unique_ptr<ChildProcess> encoder = std::move(encoder_);
+  if (encoder->finish() != 0) throw InputError("overlay.mp4: ffmpeg failed: " + encoder->errors());
+  whole_ = encoded_ > 0;
   return whole_;
 }
 

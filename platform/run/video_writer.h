@@ -17,17 +17,17 @@ namespace pptam::platform {
 class VideoWriter {
  public:
   // width and height are even; the file becomes an MP4 whatever its name. Without ffmpeg nothing is written, and
-  // warnings says so; likewise when ffmpeg fails.
+  // warnings says so.
   VideoWriter(const std::filesystem::path& file, int width, int height, double fps, std::vector<std::string>* warnings);
 
   // Rows of 32-bit pixels as cairo has them; every picture has the same stride, width times 4.
+  // Throws InputError when ffmpeg has failed.
   void add(const unsigned char* pixels, size_t stride_bytes, int64_t timestamp_ns);
-  bool finish();  // false: there is no video
+  bool finish();  // false: there is no video. Throws InputError when ffmpeg has failed
 
  private:
   int height_;
   double fps_;
-  std::vector<std::string>* warnings_;
   std::unique_ptr<ChildProcess> encoder_;  // null: there is none, or it has ended
   std::vector<unsigned char> previous_;
   int64_t first_ns_ = 0;

@@ -453,6 +453,33 @@ TEST_F(Program, SavedMapsAreLoadedShownAndExported) {
   EXPECT_LT(error, 0.5);
   EXPECT_TRUE(contains(info.out, std::to_string(points) + ", measured")) << points << "\n" << info.out;
   EXPECT_GE(images, 3);
+  // Neither an input, be it through a link, nor what is not ours or was changed since is replaced.
+  write("frame.pgm", "P5 160 120 255\n" + std::string(160 * 120, 'x'));
+  write("desk_mine.ply", read_all(folder_ / "desk.ply") + "0 0 0 0 0 1 9 9 9 2\n");
+  fs::copy(folder_ / "colmap", folder_ / "edited", fs::copy_options::recursive);
+  write("edited/images.txt", read_all(folder_ / "edited/images.txt") + "# mine\n");
+  write("damaged.map", map.substr(0, map.size() - 1));
+  fs::create_hard_link(folder_ / "desk.map", folder_ / "too.map");
+  fs::create_symlink("desk.map", folder_ / "link.map");
+  fs::create_symlink("nowhere", folder_ / "dead.map");
+  const std::string replay = "replay frame.pgm --fov 50 --out p --save-map ";
+  for (const std::string& refused :
+       {std::string("map export desk.map --colmap edited"), std::string("map export desk.map --ply desk_mine.ply"),
+        std::string("map export desk.map --ply desk.map"), std::string("map export desk.map --ply too.map"),
+        std::string("map export link.map --ply desk.map"), std::string("map export too.map --ply new --colmap new"),
+        replay + "desk.map --load-map desk.map", replay + "link.map --load-map desk.map",
+        replay + "desk.map --load-map too.map", replay + "dead.map", replay + "damaged.map", replay + "desk.ply",
+        std::string("replay frame.pgm --fov 50 --out o --save-map o/report.html"),
+        std::string("replay frame.pgm --fov 50 --out o --save-map o/.pocket-ptam")}) {
+    const Answer answer = run(refused);
+    EXPECT_EQ(answer.code, 2) << refused << answer.err;
+    EXPECT_FALSE(fs::exists(folder_ / "p") || fs::exists(folder_ / "new")) << refused;
+  }
+  EXPECT_EQ(run("map export desk.map --ply desk.ply --colmap colmap").code, 0) << "ours, as it was";
+  EXPECT_TRUE(read_all(folder_ / "desk.map") == map);
+  EXPECT_TRUE(contains(read_all(folder_ / "edited/images.txt"), "# mine"));
+  EXPECT_TRUE(contains(read_all(folder_ / "desk_mine.ply"), "9 9 9 2"));
+
   // Pixels from their corners, not from their centres: what the check is to find.
   std::string cameras = read_all(folder_ / "colmap/cameras.txt");
   const size_t centre = cameras.rfind(" 120 160");
