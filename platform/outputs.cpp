@@ -259,8 +259,12 @@ bool is_sealed(std::span<const std::byte> content) {
 bool same_place(const fs::path& a, const fs::path& b) {
   std::error_code error;
   if (fs::equivalent(a, b, error)) return true;
-  const fs::path a_place = fs::weakly_canonical(fs::absolute(a, error), error);
-  const fs::path b_place = fs::weakly_canonical(fs::absolute(b, error), error);
+  const auto place_of = [&error](const fs::path& path) {
+    fs::path place = fs::weakly_canonical(fs::absolute(path, error), error).lexically_normal();
+    return place.has_filename() ? place : place.parent_path();  // "folder/" is "folder"
+  };
+  const fs::path a_place = place_of(a);
+  const fs::path b_place = place_of(b);
   return !a_place.empty() && a_place == b_place;
 }
 

@@ -147,6 +147,10 @@ TEST_F(Outputs, AnInputIsNoOutputThroughLinksToo) {
     const std::string message = message_of([&] { inputs.refuse("--ply x", at(name)); });
     EXPECT_TRUE(holds(message, "--ply x") && holds(message, "the recording") && holds(message, "a/clip.mp4")) << name;
   }
+  for (const char* same : {"a", "a/", "linked", "linked/."}) EXPECT_TRUE(same_place(at(same), at("a"))) << same;
+  for (const char* same : {"n", "n/", "a/../n"})
+    EXPECT_TRUE(same_place(at(same), at("n"))) << "not there yet: " << same;
+  EXPECT_FALSE(same_place(at("n"), at("a")) || same_place(at("n"), at("a/n")));
   for (const char* name : {"copy.mp4", "new.mp4", "a/new.mp4"})
     EXPECT_EQ(message_of([&] { inputs.refuse("--ply x", at(name)); }), "") << name;
 }
