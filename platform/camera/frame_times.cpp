@@ -258,6 +258,7 @@ std::vector<size_t> order_in_time(const std::vector<int64_t>& stamps_ns) {
   std::vector<size_t> sorted = order;
   std::stable_sort(sorted.begin(), sorted.end(), [&](size_t a, size_t b) { return stamps_ns[a] < stamps_ns[b]; });
   std::vector<int64_t> sorted_ns;
+  sorted_ns.reserve(sorted.size());
   for (const size_t i : sorted) sorted_ns.push_back(stamps_ns[i]);
   const bool long_runs = kJumpFrames * runs <= stamps_ns.size();
   const bool mixes = short_steps_of(sorted_ns, usual_s) > short_steps_of(stamps_ns, usual_s) + kMaxMixedSteps;

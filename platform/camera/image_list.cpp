@@ -18,11 +18,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-bool is_folder(const fs::path& path) {
-  std::error_code ignored;
-  return fs::is_directory(path, ignored);
-}
-
 std::string extension_of(const fs::path& file) {
   std::string extension = file.extension().string();
   for (char& c : extension) {
@@ -71,7 +66,8 @@ ListedImage listed_image(std::string_view line) {
       if (!depth.name.empty()) stamp = fields[i];
       continue;
     }
-    name += (name.empty() ? "" : " ") + fields[i];
+    if (!name.empty()) name += ' ';
+    name += fields[i];
     if (has_image_extension(fields[i])) {
       if (name.find("depth") == std::string::npos) return {stamp, name};
       if (depth.name.empty()) depth = {stamp, name};
@@ -109,8 +105,9 @@ void stamp_images(std::vector<ImageEntry>* images, const std::vector<std::string
     const std::optional<int64_t> time_ns = times.next(stamps_ns[i]);
     if (time_ns) kept.push_back({std::move((*images)[i].file), *time_ns});
   }
-  for (const std::string& line : times.remarks()) warn(where + ": " + line);
+  for (std::string& line : times.remarks()) warn(line.insert(0, where + ": "));
   std::vector<int64_t> times_ns;
+  times_ns.reserve(kept.size());
   for (const ImageEntry& entry : kept) times_ns.push_back(entry.timestamp_ns);
   if (in_bursts(times_ns)) {
     warn(where + ": the times of these bursts are evened out");
@@ -396,6 +393,11 @@ ImageList list_images(const fs::path& source, std::vector<std::string>* warnings
   ImageList single;
   single.images.push_back({source});
   return single;
+}
+
+bool is_folder(const fs::path& path) {
+  std::error_code ignored;
+  return fs::is_directory(path, ignored);
 }
 
 bool is_list(const fs::path& file) {

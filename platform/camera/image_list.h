@@ -30,6 +30,8 @@ struct ImageList {
 // of images named by time is sorted by it; else the order is natural. Throws InputError.
 ImageList list_images(const std::filesystem::path& source, std::vector<std::string>* warnings);
 
+bool is_folder(const std::filesystem::path& path);
+
 // By the name's end: .txt, .csv.
 bool is_list(const std::filesystem::path& file);
 

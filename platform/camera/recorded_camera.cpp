@@ -24,11 +24,6 @@ namespace fs = std::filesystem;
 constexpr double kNsPerS = 1e9;
 constexpr double kMaxAspectError = 0.05;  // of pixels, between file and calibration; calibrations are better than 1 %
 
-bool is_folder(const fs::path& path) {
-  std::error_code ignored;
-  return fs::is_directory(path, ignored);
-}
-
 bool is_file(const fs::path& path) {
   std::error_code ignored;
   return fs::is_regular_file(path, ignored);
@@ -121,7 +116,7 @@ class VideoSource : public Source {
     if (from_file) {
       for (const std::string& line : times_.remarks()) lines.push_back(line);
     }
-    for (std::string& line : lines) line = name_ + ": " + line;
+    for (std::string& line : lines) line.insert(0, name_ + ": ");
     return lines;
   }
 

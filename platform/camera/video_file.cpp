@@ -150,10 +150,10 @@ VideoFile::VideoFile(const std::filesystem::path& file, std::vector<std::string>
   for (const std::string& word : input_arguments(file)) argv.push_back(word);
   // The filters write "frame:N pts:T" to the pipe before the frame goes on, T in nanoseconds; from there on frames are
   // a second apart, so that nothing later minds the file's times.
-  for (const char* word : {"-map", "0:v:0", "-fps_mode", "passthrough", "-vf",
-                           "settb=1/1000000000,metadata=mode=add:key=pptam:value=1,"
-                           "metadata=mode=print:key=pptam:file=pipe\\\\:3:direct=1,setpts=N/TB",
-                           "-sws_flags", "+accurate_rnd+bitexact", "-pix_fmt", "gray", "-f", "rawvideo", "pipe:1"}) {
+  const std::string filters = std::string("settb=1/1000000000,metadata=mode=add:key=pptam:value=1,") +
+                              "metadata=mode=print:key=pptam:file=pipe\\\\:3:direct=1,setpts=N/TB";
+  for (const char* word : {"-map", "0:v:0", "-fps_mode", "passthrough", "-vf", filters.c_str(), "-sws_flags",
+                           "+accurate_rnd+bitexact", "-pix_fmt", "gray", "-f", "rawvideo", "pipe:1"}) {
     argv.emplace_back(word);
   }
   decoder_ = std::make_unique<ChildProcess>(argv, ChildProcess::Pipe::kReadStdoutAndLines, kDecoderLimits);
