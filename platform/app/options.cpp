@@ -103,7 +103,9 @@ void add_run_options(CLI::App* command, RunOptions* run, OutputOptions* output) 
       ->type_name("N");
   command->add_flag_callback(
       "--no-damping", [run] { run->steady_damping = false; }, "Show every pose as measured, also of a camera at rest");
-  command->add_option("--load-map", run->load_map, "Begin with a map saved earlier, made with this very camera")
+  command
+      ->add_option("--load-map", run->load_map,
+                   "Begin with a map saved earlier, made with this camera; other image sizes are made equal")
       ->type_name("FILE");
   command
       ->add_option_function<std::string>(

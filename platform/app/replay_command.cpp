@@ -7,6 +7,7 @@
 #include "platform/app/options.h"
 #include "platform/app/single_run.h"
 #include "platform/camera/image_list.h"
+#include "platform/text.h"
 
 namespace pptam::app {
 namespace {
@@ -27,14 +28,33 @@ void add_inputs(const RecordingOptions& recording, Knowledge* knowledge) {
   inputs.add("the calibration", recording.calibration);
   std::error_code ignored;
   const bool is_folder = std::filesystem::is_directory(recording.source, ignored);
-  if (std::filesystem::is_regular_file(recording.source, ignored) && recording.source.extension() != ".txt") return;
-  const ImageList list = list_images(recording.source);
+  if (std::filesystem::is_regular_file(recording.source, ignored) && !is_list(recording.source)) return;
+  const ImageList list = list_images(recording.source, nullptr);
   for (const ImageEntry& image : list.images) inputs.add("the image", image.file);
   for (const std::filesystem::path& truth : {list.ground_truth.tum, list.ground_truth.euroc})
     inputs.add("the ground truth", truth);
   inputs.add("the calibration", list.calibration);
   if (is_folder) knowledge->image_folders.push_back(recording.source);
   if (!list.images.empty()) knowledge->image_folders.push_back(list.images.front().file.parent_path());
+}
+
+// A map that was made with images of another size: the larger ones of the two are made as small as the others, the
+// recording's here, the map's by System::load_map. Whether it is the same lens is seen there.
+void meet_map(const std::string& map_file, RecordingOptions* recording, std::vector<std::string>* warnings) {
+  MapInfo map;
+  if (!System::map_info(read_map_file(map_file), &map).ok()) return;  // refused when it is loaded
+  const CameraModel made = map.camera.model;
+  const CameraModel given = open_recording(*recording, nullptr)->info().model;
+  if (made.width == given.width && made.height == given.height) return;
+  const std::string sizes = format("the map %s has images of %dx%d, the recording of %dx%d", map_file.c_str(),
+                                   made.width, made.height, given.width, given.height);
+  if (made.width > given.width && made.height > given.height) {
+    warnings->push_back(sizes + ": the map is scaled down, and finer measurements are lost");
+  } else if (made.width <= given.width && made.height <= given.height && recording->resize_width == 0) {
+    recording->resize_width = made.width;
+    recording->resize_height = made.height;
+    warnings->push_back(sizes + ": the recording is made as small");
+  }
 }
 
 int replay_recording(const ReplayChoice& chosen, const std::string& command_line) {
@@ -45,6 +65,7 @@ int replay_recording(const ReplayChoice& chosen, const std::string& command_line
     recording.readout_s = parsed.seconds;
   }
   Knowledge knowledge;
+  if (!chosen.run.load_map.empty()) meet_map(chosen.run.load_map, &recording, &knowledge.warnings);
   const std::unique_ptr<platform::Camera> camera = chosen.input.open(recording, &knowledge.warnings);
   add_inputs(recording, &knowledge);
   return run_and_write(*camera, chosen.run, chosen.output, knowledge, command_line);
