@@ -7,6 +7,7 @@
 #include "platform/app/options.h"
 #include "platform/app/single_run.h"
 #include "platform/camera/image_list.h"
+#include "platform/input_error.h"
 #include "platform/text.h"
 
 namespace pptam::app {
@@ -50,7 +51,9 @@ void meet_map(const std::string& map_file, RecordingOptions* recording, std::vec
                                    made.width, made.height, given.width, given.height);
   if (made.width > given.width && made.height > given.height) {
     warnings->push_back(sizes + ": the map is scaled down, and finer measurements are lost");
-  } else if (made.width <= given.width && made.height <= given.height && recording->resize_width == 0) {
+  } else if (made.width <= given.width && made.height <= given.height) {
+    if (recording->resize_width != 0)
+      throw InputError(sizes + format(": give --resize %dx%d, or leave --resize out", made.width, made.height));
     recording->resize_width = made.width;
     recording->resize_height = made.height;
     warnings->push_back(sizes + ": the recording is made as small");

@@ -10,6 +10,8 @@
 #include <cstdlib>
 #include <filesystem>
 #include <functional>
+#include <limits>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -17,6 +19,7 @@
 #include "platform/camera/ground_truth.h"
 #include "platform/camera/image_files.h"
 #include "platform/camera/image_list.h"
+#include "platform/camera/recorded_camera.h"
 #include "platform/files.h"
 #include "platform/trajectory.h"
 #include "tests/support/random.h"
@@ -119,9 +122,10 @@ struct Counts {
   int read = 0, refused = 0;
 };
 
-// reader: throws InputError or returns true; false when what it read is not usable.
+// reader: throws InputError or returns true; false when what it read is not usable. few, all: inputs of the daily run
+// and of the whole.
 void read_mutated(const char* what, const std::vector<std::string>& seeds, const std::string& name,
-                  const std::function<bool(const std::filesystem::path&)>& reader) {
+                  const std::function<bool(const std::filesystem::path&)>& reader, int few = 400, int all = 100000) {
   test::Random random;
   const test::ScratchFolder folder;
   const std::filesystem::path file = folder / name;
@@ -132,7 +136,7 @@ void read_mutated(const char* what, const std::vector<std::string>& seeds, const
   }
   Counts counts;
   double longest_s = 0;
-  const int inputs = test::sampled(400, 100000);
+  const int inputs = test::sampled(few, all);
   for (int i = 0; i < inputs; ++i) {
     std::string content = seeds[static_cast<size_t>(random.integer(0, static_cast<int>(seeds.size()) - 1))];
     const std::string& other = seeds[static_cast<size_t>(random.integer(0, static_cast<int>(seeds.size()) - 1))];
@@ -163,8 +167,8 @@ void read_mutated(const char* what, const std::vector<std::string>& seeds, const
   if (!kSanitized) EXPECT_LT(used.ru_maxrss / 1024, kMaxMegabytes);
   std::printf("%s: %d read, %d refused, %.3f s at most, process %ld MB\n", what, counts.read, counts.refused, longest_s,
               used.ru_maxrss / 1024);
-  EXPECT_GT(counts.read, inputs / 100) << "changes so heavy that nothing is read test little";
-  EXPECT_GT(counts.refused, inputs / 100);
+  EXPECT_GT(100 * counts.read, inputs) << "changes so heavy that nothing is read test little";
+  EXPECT_GT(100 * counts.refused, inputs);
 }
 
 bool usable(const platform::Trajectory& trajectory) {
@@ -286,6 +290,37 @@ TEST(MutatedInputs, Images) {
     return image.width > 0 && image.height > 0 &&
            image.px.size() == static_cast<size_t>(image.width) * static_cast<size_t>(image.height);
   });
+}
+
+// Through ffprobe and ffmpeg, as a recording: to its end, or to where it breaks off.
+TEST(MutatedInputs, Videos) {
+  const test::ScratchFolder folder;
+  const std::string command = "ffmpeg -nostdin -v error -f lavfi -i testsrc=size=64x64:rate=15 -frames:v 12 ";
+  std::vector<std::string> seeds;
+  for (const char* name : {"-c:v libx264 -pix_fmt yuv420p a.mp4", "-c:v libx264 -bf 0 a.mkv", "-c:v mjpeg a.avi",
+                           "-c:v libx264 -pix_fmt yuv420p a.h264", "-c:v mpeg4 a.mp4"}) {
+    const std::string words = name;
+    const size_t cut = words.rfind(' ') + 1;
+    const std::filesystem::path file = folder / words.substr(cut);
+    ASSERT_EQ(std::system((command + words.substr(0, cut) + "-y " + file.string()).c_str()), 0);
+    seeds.push_back(content_of(file));
+  }
+  const auto reader = [](const std::filesystem::path& file) {
+    platform::RecordingOptions options;
+    options.source = file;
+    options.fov_degrees = 60;
+    std::vector<std::string> warnings;
+    const std::unique_ptr<platform::Camera> camera = platform::open_recording(options, &warnings);
+    Frame frame;
+    int64_t last_ns = std::numeric_limits<int64_t>::min();
+    int frames = 0;
+    for (; camera->read(&frame); ++frames) {
+      if (frame.timestamp_ns <= last_ns || frame.width != camera->info().model.width) return false;
+      last_ns = frame.timestamp_ns;
+    }
+    return frames > 0;
+  };
+  read_mutated("video", seeds, "video.mp4", reader, 12, 2000);
 }
 
 }  // namespace
