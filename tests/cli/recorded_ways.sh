@@ -8,7 +8,8 @@ usage() {
 Usage: tests/cli/recorded_ways.sh [--seeds N] [--duration SECONDS] [--ways "NAME ..."] [--work DIR] PROGRAM
 Renders one clip a seed (5 of 8 s), writes it in nineteen ways with ffmpeg, runs PROGRAM replay on each and prints a
 table. A way that carries what is needed must have, in the median over the seeds, at most 1.5 times the error of the
-plain clip; one that does not, or that had to be mended, must come with a warning. About 5 s a run on a desktop computer, 10 minutes in all.
+plain clip; one that does not, or that had to be mended, must come with a warning. About 5 s a run
+on a desktop computer, 10 minutes in all.
 HELP
 }
 
