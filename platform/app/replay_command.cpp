@@ -27,8 +27,8 @@ void add_inputs(const RecordingOptions& recording, Knowledge* knowledge) {
   inputs.add("the calibration", recording.calibration);
   std::error_code ignored;
   const bool is_folder = std::filesystem::is_directory(recording.source, ignored);
-  if (std::filesystem::is_regular_file(recording.source, ignored) && recording.source.extension() != ".txt") return;
-  const ImageList list = list_images(recording.source);
+  if (std::filesystem::is_regular_file(recording.source, ignored) && !is_list(recording.source)) return;
+  const ImageList list = list_images(recording.source, nullptr);
   for (const ImageEntry& image : list.images) inputs.add("the image", image.file);
   for (const std::filesystem::path& truth : {list.ground_truth.tum, list.ground_truth.euroc})
     inputs.add("the ground truth", truth);
