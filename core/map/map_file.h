@@ -49,8 +49,8 @@ void write_map_file(const Map& map, const Config& config, std::span<std::byte> o
 // Checks header and checksum, for any configuration. *info is set only if both are good.
 Status read_map_info(std::span<const std::byte> file, MapInfo* info);
 
-// Checks everything: header, checksum, camera, capacities, every index and number. config.camera must be prepared. It is
-// the map's camera, or the same one with smaller images: pixels, levels and images of the map are then scaled down.
+// Checks everything: header, checksum, camera, capacities, every index and number. config.camera must be prepared. It
+// is the map's camera, or the same one with smaller images: pixels, levels and images of the map are then scaled down.
 Status check_map_file(std::span<const std::byte> file, const Config& config);
 
 // Reads a file that check_map_file found good into a map of the same configuration that was just cleared. Afterwards

@@ -20,7 +20,7 @@ namespace pptam::platform {
 
 struct RunOptions {
   ClockKind clock = ClockKind::kWork;
-  double slowdown = 30;  // throttled clock: a desktop core against a 412 MHz ARM1176, roughly
+  double slowdown = 30;   // throttled clock: a desktop core against a 412 MHz ARM1176, roughly
   double max_wait_s = 5;  // for a frame, by the steady clock; longer pauses of a source are cut to it. Not swept
   bool drop_late = true;
   // Seconds after the first frame. Empty: at the first frame, and again whenever initialisation has failed.
