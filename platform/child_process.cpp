@@ -9,6 +9,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cerrno>
 #include <chrono>
 #include <cstring>
@@ -35,7 +36,37 @@ void close_fd(int* fd) {
   *fd = -1;
 }
 
+// Children that run, for end_children(); 0: an empty place. More than fit are not known there.
+constexpr size_t kMaxKnownChildren = 64;  // a study's threads have one or two each
+std::atomic<int> known_children[kMaxKnownChildren];
+
+void replace_known(int from, int to) {
+  for (std::atomic<int>& place : known_children) {
+    int expected = from;
+    if (place.compare_exchange_strong(expected, to)) return;
+  }
+}
+void remember_child(int pid) {
+  replace_known(0, pid);
+}
+// Before it is reaped: afterwards the number may be another process'.
+void forget_child(int pid) {
+  replace_known(pid, 0);
+}
+
+// Whether the child has ended; it is not reaped. False also when that cannot be told.
+bool has_ended(int pid, int options) {
+  siginfo_t info = {};
+  int result = 0;
+  do {
+    result = ::waitid(P_PID, static_cast<id_t>(pid), &info, WEXITED | WNOWAIT | options);
+  } while (result < 0 && errno == EINTR);
+  return result == 0 && info.si_pid == pid;
+}
+
 int wait_for(int pid) {
+  has_ended(pid, 0);
+  forget_child(pid);
   int status = 0;
   while (::waitpid(pid, &status, 0) < 0) {
     if (errno != EINTR) return -1;
@@ -49,10 +80,7 @@ int wait_for(int pid, std::chrono::seconds most) {
   constexpr std::chrono::microseconds kLongestPause(20000);
   const Clock::time_point end = Clock::now() + most;
   for (std::chrono::microseconds pause(200); Clock::now() < end; pause = std::min(2 * pause, kLongestPause)) {
-    int status = 0;
-    const int ended = ::waitpid(pid, &status, WNOHANG);
-    if (ended == pid) return status;
-    if (ended < 0 && errno != EINTR) return -1;
+    if (has_ended(pid, WNOHANG)) return wait_for(pid);
     std::this_thread::sleep_for(pause);
   }
   ::kill(pid, SIGKILL);
@@ -181,6 +209,7 @@ ChildProcess::ChildProcess(const std::vector<std::string>& argv, Pipe pipe, cons
     throw InputError("cannot run " + program_ + ": install it, on Debian with: apt install " + package);
   }
   pid_ = pid;
+  remember_child(pid_);
   limit(pid_, limits);
 }
 
@@ -265,6 +294,15 @@ int ChildProcess::finish() {
   pid_ = -1;
   errors_ = last_lines(stderr_fd_);
   return WIFSIGNALED(status) ? 128 + WTERMSIG(status) : WEXITSTATUS(status);
+}
+
+void end_children() noexcept {
+  for (const std::atomic<int>& place : known_children) {
+    const int pid = place.load();
+    if (pid <= 0) continue;
+    ::kill(pid, SIGKILL);
+    ::waitpid(pid, nullptr, 0);
+  }
 }
 
 }  // namespace pptam::platform

@@ -60,4 +60,8 @@ class ChildProcess {
   std::string errors_;
 };
 
+// For a handler of signals that end the process: kills the children that still run, and waits until they are gone, so
+// that none makes a file afterwards.
+void end_children() noexcept;
+
 }  // namespace pptam::platform

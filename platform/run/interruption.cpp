@@ -2,6 +2,7 @@
 
 #include <csignal>
 
+#include "platform/child_process.h"
 #include "platform/files.h"
 
 namespace pptam::platform {
@@ -15,6 +16,7 @@ extern "C" void on_signal(int signal) {
     came = signal;
     return;
   }
+  end_children();  // first: an encoder that has just started would make its draft again
   remove_drafts();
   std::signal(signal, SIG_DFL);
   ::raise(signal);  // delivered when the handler returns
