@@ -166,6 +166,74 @@ class Writing {
   bool failed_ = false;
 };
 
+// The map, the paths and the tables. What matters most comes first, and the video's draft makes room for it on a disk
+// that is full. Returns whether the map was saved.
+bool write_essentials(const RunLog& log, const OutputOptions& output, OutputFolder* folder, std::unique_ptr<Show>* show,
+                      Writing* writing) {
+  const auto attempt = [&](const std::function<void()>& write) {
+    if (*show) {
+      try {
+        return write();
+      } catch (const InputError& error) {
+        if (std::string(error.what()).find(std::strerror(ENOSPC)) != std::string::npos) {
+          writing->failed(std::string(error.what()) + ": overlay.mp4 and the stills are given up for it");
+          show->reset();
+        }
+      }
+    }
+    writing->attempt(write);
+  };
+  bool map_saved = false;
+  if (!log.saved_map.empty()) {
+    attempt([&] {
+      write_atomically(output.save_map, log.saved_map);
+      map_saved = true;
+    });
+  }
+  const std::string head = "timestamp tx ty tz qx qy qz qw, camera-to-world, world units";
+  attempt([&] { folder->write("trajectory.txt", tum_text(log.trajectory(), head)); });
+  attempt([&] { folder->write("keyframes.txt", tum_text(log.keyframe_trajectory(), head)); });
+  attempt([&] { folder->write("map.ply", ply_text(log.map_points)); });
+  attempt([&] { folder->write("frames.csv", frames_text(log)); });
+  return map_saved;
+}
+
+// What the report shows of them.
+struct Pictures {
+  std::string good_png;
+  bool video = false;
+};
+
+Pictures write_pictures(Show* show, OutputFolder* folder, Writing* writing) {
+  Pictures pictures;
+  writing->attempt([&] {
+    if (Draft* draft = show->video()) {
+      folder->keep(kVideo, draft);
+      pictures.video = true;
+    }
+  });
+  writing->attempt([&] {
+    const std::string png = show->overlay().start_png();
+    if (!png.empty()) folder->write("start.png", png);
+  });
+  writing->attempt([&] {
+    pictures.good_png = show->overlay().good_png();
+    if (!pictures.good_png.empty()) folder->write("overlay.png", pictures.good_png);
+  });
+  return pictures;
+}
+
+void print_written(const std::filesystem::path& place, const OutputFolder& folder) {
+  std::string written;
+  for (const std::string& name : kOutputs) {
+    const auto& names = folder.written();
+    if (std::find(names.begin(), names.end(), name) != names.end()) written += " " + name;
+  }
+  print_line("");
+  print_line("written to " + place.string() + ":" + written);
+  std::fflush(stdout);
+}
+
 }  // namespace
 
 int run_and_write(platform::Camera& camera, const RunOptions& run_options, const OutputOptions& output,
@@ -180,51 +248,10 @@ int run_and_write(platform::Camera& camera, const RunOptions& run_options, const
   std::unique_ptr<Show> show;
   const RunLog log = run_and_show(camera, run_options, output, folder, &show, &warnings);
 
-  // What matters most comes first, and the video's draft makes room for it on a disk that is full.
   Writing writing;
-  const auto attempt_first = [&](const std::function<void()>& write) {
-    if (show) {
-      try {
-        return write();
-      } catch (const InputError& error) {
-        if (std::string(error.what()).find(std::strerror(ENOSPC)) != std::string::npos) {
-          writing.failed(std::string(error.what()) + ": overlay.mp4 and the stills are given up for it");
-          show.reset();
-        }
-      }
-    }
-    writing.attempt(write);
-  };
-  bool map_saved = false;
-  if (!log.saved_map.empty()) {
-    attempt_first([&] {
-      write_atomically(output.save_map, log.saved_map);
-      map_saved = true;
-    });
-  }
-  const std::string head = "timestamp tx ty tz qx qy qz qw, camera-to-world, world units";
-  attempt_first([&] { folder.write("trajectory.txt", tum_text(log.trajectory(), head)); });
-  attempt_first([&] { folder.write("keyframes.txt", tum_text(log.keyframe_trajectory(), head)); });
-  attempt_first([&] { folder.write("map.ply", ply_text(log.map_points)); });
-  attempt_first([&] { folder.write("frames.csv", frames_text(log)); });
-  std::string good_png;
-  bool video = false;
-  if (show) {
-    writing.attempt([&] {
-      if (Draft* draft = show->video()) {
-        folder.keep(kVideo, draft);
-        video = true;
-      }
-    });
-    writing.attempt([&] {
-      const std::string png = show->overlay().start_png();
-      if (!png.empty()) folder.write("start.png", png);
-    });
-    writing.attempt([&] {
-      good_png = show->overlay().good_png();
-      if (!good_png.empty()) folder.write("overlay.png", good_png);
-    });
-  }
+  const bool map_saved = write_essentials(log, output, &folder, &show, &writing);
+  Pictures pictures;
+  if (show) pictures = write_pictures(show.get(), &folder, &writing);
   warnings.insert(warnings.begin(), log.warnings.begin(), log.warnings.end());
   const auto all_warnings = [&] {
     std::vector<std::string> all = knowledge.warnings;
@@ -235,20 +262,15 @@ int run_and_write(platform::Camera& camera, const RunOptions& run_options, const
   summary.command = command_line;
   summary.warnings = all_warnings();
   if (!output.no_report) {
-    writing.attempt([&] { folder.write("report.html", report_page(log, summary, truth, good_png, video, &warnings)); });
+    writing.attempt([&] {
+      folder.write("report.html", report_page(log, summary, truth, pictures.good_png, pictures.video, &warnings));
+    });
     summary.warnings = all_warnings();
   }
   writing.attempt([&] { folder.finish(); });
 
   print_rows(summarise(log, summary));
-  print_line("");
-  std::string written;
-  for (const std::string& name : kOutputs) {
-    const auto& names = folder.written();
-    if (std::find(names.begin(), names.end(), name) != names.end()) written += " " + name;
-  }
-  print_line("written to " + place.string() + ":" + written);
-  std::fflush(stdout);
+  print_written(place, folder);
   for (const std::string& warning : warnings) print_warning(warning);
   if (map_saved) print_line("map saved to " + output.save_map);
   if (!log.save_trouble.empty())
