@@ -106,6 +106,7 @@ OutputFolder::OutputFolder(const fs::path& folder, const std::string& option, st
   if (is_there(folder_) && (::stat(folder_.c_str(), &status) != 0 || !S_ISDIR(status.st_mode)))
     throw InputError(option_ + " " + folder_.string() + ": is there and not a folder");
   inputs.refuse(option_ + ": " + path(kListName).string(), path(kListName));
+  read_list();  // throws when it is none of ours
   for (const std::string& name : names_) {
     inputs.refuse(option_ + ": " + path(name).string(), path(name));
     refuse_foreign(name);
@@ -172,6 +173,7 @@ void OutputFolder::prepare() const {
       make_folder(folder, option_);
     }
     if (!names_.empty()) try_to_write(path(names_.front()));
+    if (is_there(path(kListName))) write_list(read_list());  // may be another user's, in a folder that all may write to
   } catch (const InputError&) {
     std::error_code ignored;
     for (auto folder = made.rbegin(); folder != made.rend(); ++folder) fs::remove(*folder, ignored);  // if empty

@@ -51,6 +51,8 @@ class OutputFolder {
   void write(const std::string& name, std::string_view content);
   // The same for what was written into a draft of path(name).
   void keep(const std::string& name, Draft* draft);
+  // It was to be written and could not be: an earlier run's stays.
+  void give_up(const std::string& name) { tried_.push_back(name); }
   // Once all is written: removes what an earlier run made and this one did not even try. Throws InputError.
   void finish();
 

@@ -164,7 +164,7 @@ class SimCommand {
 
   int run() {
     choose_phone();
-    const bool many_runs = studies_.suite || !studies_.study.empty();
+    const bool many_runs = studies_.suite || !studies_.study.empty() || studies_.endurance_minutes;
     if ((many_runs || !chosen_.dump.empty()) && (run_.save_map || run_.lock_map || !run_.load_map.empty()))
       throw InputError("--load-map, --save-map and --lock-map belong to a single run");
     if (studies_.suite) return run_suite();

@@ -66,6 +66,12 @@ void check_map(const RunOptions& run, const OutputOptions& output, const std::fi
     if (same_place(folder / name, output.save_map) || same_place(folder, output.save_map))
       throw InputError(option + " " + output.save_map + ": is taken by --out " + folder.string());
   }
+  // Neither the folder nor one above it, which prepare() may be about to make.
+  const std::filesystem::path whole = std::filesystem::absolute(folder).lexically_normal();
+  for (std::filesystem::path above = whole; above.has_relative_path(); above = above.parent_path()) {
+    if (same_place(above, output.save_map))
+      throw InputError(option + " " + output.save_map + ": is a folder on the way to --out " + folder.string());
+  }
   for (const std::string& name : kOutputs) {
     if (same_place(folder / name, output.save_map))
       throw InputError(option + " " + output.save_map + ": is another output's name, of --out " + folder.string());
@@ -174,9 +180,12 @@ bool write_essentials(const RunLog& log, const OutputOptions& output, OutputFold
     if (*show) {
       try {
         return write();
-      } catch (const InputError& error) {
-        if (std::string(error.what()).find(std::strerror(ENOSPC)) != std::string::npos) {
-          writing->failed(std::string(error.what()) + ": overlay.mp4 and the stills are given up for it");
+      } catch (const std::exception& error) {
+        const std::string why = error.what();
+        if (why.find(std::strerror(ENOSPC)) != std::string::npos ||
+            why.find(std::strerror(EDQUOT)) != std::string::npos) {
+          for (const char* name : {kVideo, "overlay.png", "start.png"}) folder->give_up(name);
+          writing->failed(why + ": overlay.mp4 and the stills are given up for it");
           show->reset();
         }
       }
@@ -207,9 +216,14 @@ struct Pictures {
 Pictures write_pictures(Show* show, OutputFolder* folder, Writing* writing) {
   Pictures pictures;
   writing->attempt([&] {
-    if (Draft* draft = show->video()) {
-      folder->keep(kVideo, draft);
-      pictures.video = true;
+    try {
+      if (Draft* draft = show->video()) {
+        folder->keep(kVideo, draft);
+        pictures.video = true;
+      }
+    } catch (const std::exception&) {
+      folder->give_up(kVideo);
+      throw;
     }
   });
   writing->attempt([&] {

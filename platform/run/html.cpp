@@ -31,7 +31,10 @@ std::string base64(const std::string& bytes) {
 class TemporaryFile {
  public:
   explicit TemporaryFile(const std::string& content) {
-    std::string name = (std::filesystem::temp_directory_path() / "pocket-ptam-XXXXXX").string();
+    std::error_code error;
+    std::filesystem::path folder = std::filesystem::temp_directory_path(error);
+    if (error) folder = "/tmp";
+    std::string name = (folder / "pocket-ptam-XXXXXX").string();
     const int fd = mkstemp(name.data());
     if (fd < 0) throw InputError(name + ": cannot make a temporary file");
     path_ = name;

@@ -36,6 +36,8 @@ void handle_signals() {
     ::sigaction(signal, &action, nullptr);
   }
   std::signal(SIGPIPE, SIG_IGN);
+  std::signal(SIGXFSZ, SIG_IGN);  // a file that may not grow is an error of writing, not the end
+  std::signal(SIGCHLD, SIG_DFL);  // ignored, which may be inherited, children could not be waited for
 }
 
 void stop_on_signals() {

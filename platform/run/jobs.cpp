@@ -1,6 +1,7 @@
 #include "platform/run/jobs.h"
 
 #include <atomic>
+#include <exception>
 #include <mutex>
 #include <thread>
 #include <vector>
@@ -16,11 +17,20 @@ std::vector<bool> run_jobs(int threads, size_t count, const std::function<std::s
   Progress progress;
   size_t count_done = 0;
   std::vector<bool> done(count);
+  std::exception_ptr trouble;  // the first
   const auto worker = [&] {
     while (!interrupted()) {
       const size_t i = next++;
       if (i >= count) return;
-      const std::string text = job(i);
+      std::string text;
+      try {
+        text = job(i);
+      } catch (...) {
+        const std::lock_guard lock(mutex);
+        if (!trouble) trouble = std::current_exception();
+        next = count;  // the others finish what they do
+        return;
+      }
       if (interrupted()) return;  // it may have been cut short
       const std::lock_guard lock(mutex);
       done[i] = true;
@@ -32,6 +42,7 @@ std::vector<bool> run_jobs(int threads, size_t count, const std::function<std::s
   for (int i = 0; i < threads; ++i) workers.emplace_back(worker);
   for (std::thread& thread : workers) thread.join();
   progress.finish();
+  if (trouble) std::rethrow_exception(trouble);
   return done;
 }
 

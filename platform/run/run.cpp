@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <exception>
 #include <memory>
+#include <new>
 #include <optional>
 
 #include <pocket_ptam/inspection.h>
@@ -198,7 +199,12 @@ void take_map(System& system, const RunOptions& options, RunLog* log) {
   log->map_parts = map_parts(system, kHoldingPoints);
   log->map_hash = map_hash(system);
   if (!options.save_map) return;
-  log->saved_map.resize(system.map_bytes());
+  try {
+    log->saved_map.resize(system.map_bytes());
+  } catch (const std::bad_alloc&) {  // the rest can still be written
+    log->save_trouble = "not enough memory for a copy of the map";
+    return;
+  }
   size_t saved = 0;
   const Status status = system.save_map(log->saved_map, &saved);
   log->saved_map.resize(saved);

@@ -42,12 +42,19 @@ void VideoWriter::add(const unsigned char* pixels, size_t stride_bytes, int64_t 
   const size_t bytes = stride_bytes * static_cast<size_t>(height_);
   if (encoded_ > 0) {
     for (int64_t i = 1; i < std::min(missing, kMaxStill); ++i, ++encoded_) {
-      if (!encoder_->write(previous_.data(), bytes)) return void(finish());
+      if (!encoder_->write(previous_.data(), bytes)) break_off();
     }
   }
-  if (!encoder_->write(pixels, bytes)) return void(finish());
+  if (!encoder_->write(pixels, bytes)) break_off();
   ++encoded_;
   previous_.assign(pixels, pixels + bytes);
+}
+
+void VideoWriter::break_off() {
+  const std::unique_ptr<ChildProcess> encoder = std::move(encoder_);
+  encoder->finish();
+  const std::string why = encoder->errors().empty() ? "it took no more pictures" : encoder->errors();
+  throw InputError("overlay.mp4: ffmpeg failed: " + why);
 }
 
 bool VideoWriter::finish() {

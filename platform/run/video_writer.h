@@ -26,6 +26,8 @@ class VideoWriter {
   bool finish();  // false: there is no video. Throws InputError when ffmpeg has failed
 
  private:
+  [[noreturn]] void break_off();  // ends an encoder that takes no more; throws InputError
+
   int height_;
   double fps_;
   std::unique_ptr<ChildProcess> encoder_;  // null: there is none, or it has ended

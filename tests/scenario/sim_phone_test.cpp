@@ -561,6 +561,7 @@ TEST(SimPhoneCamera, DumpedSequenceReadsBackTheSame) {
   platform::dump_sequence(*camera, folder, [](int done, int total) {
     last_done = done;
     EXPECT_LE(done, total);
+    return true;
   });
   EXPECT_EQ(last_done, camera->info().frame_count);
   const std::string calibration = text_of(folder / "calibration.yaml");
