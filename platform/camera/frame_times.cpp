@@ -233,12 +233,18 @@ TimeUnit recognised_unit(const std::vector<std::string>& stamps, TimeUnit docume
     }
     return unit;
   };
+  const auto dated = [&](TimeUnit unit) {  // also slow ones, such as a picture a minute
+    return read_stamps(stamps, unit, &times_ns) && pace_of(times_ns).usual_s <= kMaxSlowStepS &&
+           is_since_1970(times_ns[times_ns.size() / 2]);
+  };
   for (const TimeUnit unit : kUnits) {
-    if (!read_stamps(stamps, unit, &times_ns) || pace_of(times_ns).usual_s > kMaxSlowStepS) continue;
-    if (is_since_1970(times_ns[times_ns.size() / 2])) return choose(unit);
+    if (dated(unit) && (unit == documented || is_plausible(times_ns))) return choose(unit);
   }
   for (const TimeUnit unit : kUnits) {
     if (read_stamps(stamps, unit, &times_ns) && is_plausible(times_ns)) return choose(unit);
+  }
+  for (const TimeUnit unit : kUnits) {
+    if (dated(unit)) return choose(unit);
   }
   return documented;
 }

@@ -49,9 +49,9 @@ enum class TimeUnit { kSeconds, kMilliseconds, kMicroseconds, kNanoseconds };
 // A decimal number in that unit to nanoseconds. False when text is not a number or does not fit.
 bool parse_stamp(std::string_view text, TimeUnit unit, int64_t* stamp_ns);
 
-// The unit in which the stamps make sense: the documented one if the usual step is then between 1/500 and 2 seconds,
-// else the one in which they are times since 1970, else the first in which the step is plausible. Says so in *remark
-// when it is not the documented one.
+// The unit in which the stamps make sense: the documented one if the usual step is then plausible, between 1/500 and 2
+// seconds; else one in which it is plausible, best with times since 1970; else one that gives slow times since 1970.
+// Says so in *remark when it is not the documented one.
 TimeUnit recognised_unit(const std::vector<std::string>& stamps, TimeUnit documented, std::string* remark);
 
 // The order in which frames with these stamps are to be taken: sorted, unless they rise in long runs that overlap in

@@ -112,10 +112,17 @@ ImageHeader tiff_header(Bytes bytes) {
   for (size_t i = 0; i < entries && table + 2 + 12 * (i + 1) <= bytes.size(); ++i) {
     const size_t at = table + 2 + 12 * i;
     const uint32_t tag = number_at(bytes, at, 2, big_endian);
-    const size_t size = number_at(bytes, at + 2, 2, big_endian) == 3 ? 2 : 4;  // of each value
+    const uint32_t type = number_at(bytes, at + 2, 2, big_endian);
+    const size_t size = type == 3 ? 2 : 4;  // of each value
     const uint32_t count = number_at(bytes, at + 4, 4, big_endian);
     const size_t value_at = count * size_t{size} <= 4 ? at + 8 : number_at(bytes, at + 8, 4, big_endian);
     const uint32_t value = number_at(bytes, value_at, size, big_endian);
+    // Told twice or in another type, the decoder might see another size than is checked here.
+    const bool told = (tag == 256 && header.width != 0) || (tag == 257 && header.height != 0);
+    if ((tag == 256 || tag == 257) && (told || (type != 3 && type != 4))) {
+      header.refusal = "its size is written in an unusual way: convert it to PNG";
+      return header;
+    }
     if (tag == 256) header.width = value;
     if (tag == 257) header.height = value;
     if (tag == 258) header.bits = static_cast<int>(std::min<uint32_t>(value, 64));

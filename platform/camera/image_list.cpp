@@ -279,8 +279,12 @@ std::vector<std::string> times_beside(const fs::path& folder) {
   std::error_code ignored;
   std::vector<std::string> stamps;
   if (!fs::is_regular_file(file, ignored)) return stamps;
-  for_each_line(file, [&](std::string_view line, const LineError&) { stamps.emplace_back(line); });
-  return stamps;
+  bool single = true;  // others keep names and exposures in a file of that name
+  for_each_line(file, [&](std::string_view line, const LineError&) {
+    single = single && line.find_first_of(" \t,;") == std::string_view::npos;
+    stamps.emplace_back(line);
+  });
+  return single ? stamps : std::vector<std::string>();
 }
 
 ImageList open_image_folder(const fs::path& folder, const WarnOfList& warn) {
@@ -305,14 +309,18 @@ ImageList open_image_folder(const fs::path& folder, const WarnOfList& warn) {
   const std::vector<std::string> named = times_in_names(names, &unit);
   if (!beside.empty() && beside.size() == names.size()) {
     const fs::path file = fs::absolute(folder / "").lexically_normal().parent_path().parent_path() / "times.txt";
-    stamp_images(&result.images, beside, unit, file.string(), warn);
+    stamp_images(&result.images, beside, TimeUnit::kSeconds, file.string(), warn);
     result.times = ImageTimes::kListed;
   } else if (!named.empty()) {
     // In natural order 1.1 comes before 1.07; as numbers they are sorted here, which is nothing to warn of.
+    // Their order is the same in any unit: in the smallest one no whole number is too large.
+    const auto has_point = [](const std::string& number) { return number.find('.') != std::string::npos; };
+    const bool decimals = std::any_of(named.begin(), named.end(), has_point);
     std::vector<std::pair<int64_t, size_t>> order;
     for (size_t i = 0; i < named.size(); ++i) {
       int64_t value = 0;
-      if (!parse_stamp(named[i], unit, &value)) throw InputError(names[i] + ": the number in its name is too large");
+      if (!parse_stamp(named[i], decimals ? TimeUnit::kSeconds : TimeUnit::kNanoseconds, &value))
+        throw InputError(names[i] + ": the number in its name is too large");
       order.emplace_back(value, i);
     }
     std::sort(order.begin(), order.end());

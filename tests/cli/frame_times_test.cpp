@@ -109,7 +109,8 @@ TEST(FrameTimes, UnitsAreRecognised) {
   EXPECT_EQ(unit_of({"1.403636579763555584e+18", "1.403636579813555584e+18"}, kS), kNs);
   EXPECT_EQ(unit_of({"1403636579.7635", "1403636579.8135"}, kNs), kS);
   EXPECT_EQ(unit_of({"1403636579763555", "1403636579813555"}, kNs), TimeUnit::kMicroseconds);
-  EXPECT_EQ(unit_of({"1700000000", "1700000005"}, kS), kS);  // slow, but since 1970: not milliseconds
+  EXPECT_EQ(unit_of({"1700000000", "1700000005"}, kS), kS);               // slow, but since 1970: not milliseconds
+  EXPECT_EQ(unit_of({"2000000033333333", "2000000066666666"}, kS), kNs);  // 23 days of uptime, not 2033 in microseconds
   EXPECT_EQ(unit_of({"7"}, kS), kS);
   std::string remark;
   (void)recognised_unit({"0", "33.3", "66.6"}, kS, &remark);
@@ -255,6 +256,8 @@ TEST_F(ImageTimesTest, FoldersNamedByTime) {
   EXPECT_EQ(named("e", {"1700000000000000000", "1700000000033000000"}), "10@1700000000000000 11@1700000000033000");
   EXPECT_EQ(named("f", {"33000", "66000", "99000"}), "10@33000 11@66000 12@99000");
   EXPECT_EQ(warnings_, "");
+  EXPECT_EQ(named("j", {"86400000000000", "86400033333000"}), "10@86400000000 11@86400033333") << "a day of uptime, ns";
+  EXPECT_NE(warnings_.find("read as nanoseconds"), std::string::npos) << warnings_;
   // Counts are no times, and neither are numbers in names that differ otherwise.
   EXPECT_EQ(named("g", {"img1", "img2", "img10"}), "10@0 11@33333 12@66666");
   EXPECT_TRUE(has(warnings_, "come without times: assuming 30 frames/s; give the true rate with --fps"));

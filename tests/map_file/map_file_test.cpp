@@ -437,7 +437,7 @@ TEST(MapFile, ACameraWithSmallerImagesGetsItScaled) {
       EXPECT_EQ(std::memcmp(a.T_kw.t.data(), b.T_kw.t.data(), 3 * sizeof(float)), 0);
       double from_mean = 0;  // against the mean over each pixel's area, by adding 16 x 16 samples of it
       for (int y = 0; y < size.height; ++y) {
-        for (int x = 0; x < size.width; ++x) {
+        for (int x = y % 5; x < size.width; x += 5) {
           double sum = 0;
           for (int i = 0; i < 256; ++i) {
             const double u = (x + (i % 16 + 0.5) / 16) * 194 / size.width,
