@@ -8,7 +8,7 @@ if [[ "${1:-}" == -h || "${1:-}" == --help ]]; then
   cat <<'HELP'
 Usage: tests/fresh_systems.sh [--folder DIR] [--demo-only] [bookworm | trixie | noble]...
 Makes each system (all three if none is named) in DIR/NAME [build/fresh_systems], installs nothing in it but what a
-fresh one has, and runs there ./sim_phone/demo.sh and ./tests/run.sh. Needs root, a network, 6 GB and an hour for each.
+fresh one has, and runs there ./sim_phone/demo.sh and ./tests/run.sh. Needs root, a network, a few GB for each system, and hours for all.
 A folder that is there already is used again; remove it to begin anew.
   --demo-only   not the tests
 Exit code: 0 when everything passed, 1 otherwise.

@@ -1,6 +1,7 @@
 // Files with bytes, words and lines changed at random, for every reader: each is read or refused by an InputError, with
-// finite numbers, in little time and memory. tests/run.sh --all takes 100 000 of each; built with sanitizers by
-// tests/run.sh --preset sanitize --all.
+// finite numbers, in little time and memory. PPTAM_ALL (tests/run.sh --all) takes 100 000 of each. With sanitizers:
+// cmake --preset sanitize && cmake --build --preset sanitize --target cli_tests, then PPTAM_ALL=1
+// build/sanitize/tests/cli/cli_tests --gtest_filter='MutatedInputs*'.
 #include <gtest/gtest.h>
 #include <sys/resource.h>
 
