@@ -17,7 +17,7 @@ constexpr float kMinCornerDistance_px = 10.0f;
 constexpr float kMaxPromotionError_px = 4.0f;
 constexpr float kMinParallax_rad = 0.015f;  // between the two rays: 0.9 degrees; not swept
 // Sigma of a promoted point's depth relative to the depth. Not swept. Larger values promote sooner, with worse depths.
-constexpr float kMaxRelativeDepthSigma = 0.15f;
+constexpr float kMaxRelativeDepthSigma = 0.08f;
 // Noise of a measurement, level-0 px: sub-pixel noise and the error of the rolling shutter's correction. Not swept.
 constexpr float kMeasurementNoise_px = 0.8f;
 // Radius of the search, pixels of the level searched [phone 4]: where the depth is known, or where the line's length is
@@ -126,7 +126,7 @@ Task<> PartialPoints::find_occupied(int keyframe) {
   occupied_.clear();
   PredictedPoint predicted;
   for (const MapPoint& point : map_.points()) {
-    if (point.id == 0) continue;
+    if (point.id == 0 || !map_.measured_in(point, keyframe)) continue;
     if (predict_in_keyframe(map_, config_.camera, keyframe, point.p_w, &predicted)) occupied_.push_back(predicted.px);
     co_await background_.spend(Work::kOther, kPredictionInstructions);
   }

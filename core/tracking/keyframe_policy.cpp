@@ -21,7 +21,7 @@ constexpr int kMinBelievedForKeyframe = 2;  // believed poses in a row, so that 
 
 }  // namespace
 
-bool KeyframePolicy::wants(int64_t timestamp_ns, const MotionModel& motion, int visible) const {
+bool KeyframePolicy::wants(int64_t timestamp_ns, const MotionModel& motion, int held) const {
   if (!map_.queue().can_hold()) return false;
   const float interval_s =
       map_.full() ? std::max(kFullInterval_s, config_.min_keyframe_interval_s) : config_.min_keyframe_interval_s;
@@ -39,7 +39,7 @@ bool KeyframePolicy::wants(int64_t timestamp_ns, const MotionModel& motion, int 
     if (keyframe.id != 0) consider(keyframe.T_kw);  // erased keyframes too [phone 3.3, footnote]
   for (int i = 0; i < map_.queue().waiting(); ++i) consider(map_.queue().waiting(i).frame.T_kw);
   const bool sparse =
-      static_cast<float>(visible) < kSparseViewFraction * static_cast<float>(config_.max_measured_points);
+      static_cast<float>(held) < kSparseViewFraction * static_cast<float>(config_.max_measured_points);
   const float fill = static_cast<float>(map_.live_count()) / static_cast<float>(config_.max_keyframes);
   const float far = kDistanceNew + (kDistanceFull - kDistanceNew) * fill;
   if (nearest_alike > far * motion.mean_depth()) return true;

@@ -18,6 +18,12 @@ constexpr int kFramesToConfirm = 2;
 // interval makes the motion between the two slow. Not swept.
 constexpr float kRelocalisedInterval_s = 1.0f;
 
+// Inliers from which on map points alone give the pose, and partial points do not take part. Not swept.
+constexpr int kEnoughInliers = 30;
+// Error of the pose in the image, pixels of the level searched, where map points gave it, and where it is predicted. Not
+// swept.
+constexpr float kPlacedMargin_px = 2.0f, kPredictedMargin_px = 4.0f;
+
 }  // namespace
 
 Tracker::Tracker(Arena& arena, const Config& config, Map& map, WorkMeter& meter, Initialiser* initialiser)
@@ -27,7 +33,7 @@ Tracker::Tracker(Arena& arena, const Config& config, Map& map, WorkMeter& meter,
       frame_(arena, config.camera.model, meter),
       full_frame_rotation_(arena, config.camera.model),
       matching_(arena, config, map, meter),
-      depth_filter_(config, map, meter),
+      depth_filter_(arena, config, map, meter),
       keyframe_policy_(config, map, meter),
       initialiser_(initialiser),
       start_trigger_(config),
@@ -133,9 +139,10 @@ void Tracker::track_with_map(TrackResult* result) {
   const float blur_px = motion_.image_speed() * config_.camera.model.fx * config_.exposure_s;
   const bool blurred = blur_px > kBlurLimit_px;
   const Search search = blurred ? Search::kBlurred : motion_.missed() > 0 ? Search::kWide : Search::kNormal;
-  MapMatch match = matching_.match(frame_.pyramid(), motion_, search);
+  const bool with_partials = map_.ready() && !map_.locked() && confirmed_ == 0;
+  MapMatch match = this->match(search, with_partials);
   if (search == Search::kNormal && match.quality == TrackingQuality::kBad)
-    match = matching_.match(frame_.pyramid(), motion_, Search::kWide);
+    match = this->match(Search::kWide, with_partials);
   matching_.report(&observed_);
   mark_stage(Stage::kSearch, result);
 
@@ -151,6 +158,25 @@ void Tracker::track_with_map(TrackResult* result) {
   } else {
     accept(match, blurred, result);
   }
+}
+
+// Map points give the pose. Partial points are searched from there, or from the prediction when there is none, as many
+// as map points are lacking; where those are few the pose is found anew from both kinds.
+MapMatch Tracker::match(MapMatching::Search search, bool with_partials) {
+  MapMatch match = matching_.match(frame_.pyramid(), motion_, search);
+  depth_filter_.forget();
+  if (!with_partials) return match;
+  const bool placed = match.quality != TrackingQuality::kBad;
+  DepthFilter::Start start;
+  start.T_cw = placed ? match.pose.T_cw : motion_.T_predicted();
+  start.velocity = placed ? match.pose.velocity : motion_.prior().mean;
+  start.mean_depth = placed ? matching_.mean_depth(start.T_cw, motion_.mean_depth()) : motion_.mean_depth();
+  start.margin_px = placed ? kPlacedMargin_px : kPredictedMargin_px;
+  start.level = search == MapMatching::Search::kBlurred ? config_.coarse_search_level : config_.search_level;
+  start.count = config_.max_partial_searches + std::max(0, matching_.capacity() - match.attempted);
+  depth_filter_.search(frame_.pyramid(), start);
+  if (match.inliers >= kEnoughInliers) return match;
+  return matching_.join(depth_filter_.attempts(), motion_, start.T_cw);
 }
 
 void Tracker::miss() {
@@ -185,14 +211,14 @@ void Tracker::accept(const MapMatch& match, bool blurred, TrackResult* result) {
     result->progress = 1;
   }
   // The map takes nothing from blurred frames, nor from frames of less than good quality.
-  if (match.quality != TrackingQuality::kGood || blurred) return;
+  if (blurred) return;
   const bool fixed = map_.ready() && map_.locked();
   if (!fixed) matching_.count_searches();
   mark_stage(Stage::kPose, result);
   if (!map_.ready() || fixed) return;
-  depth_filter_.update(frame_.pyramid(), motion_, &observed_, result);
+  depth_filter_.update(motion_, &observed_, result);
   mark_stage(Stage::kPartial, result);
-  if (!keyframe_policy_.wants(frame_.timestamp_ns(), motion_, match.visible)) return;
+  if (!keyframe_policy_.wants(frame_.timestamp_ns(), motion_, matching_.held(motion_))) return;
   keyframe_policy_.hold(frame_, motion_, matching_.attempts());
   result->keyframe_added = true;
   mark_stage(Stage::kKeyframe, result);

@@ -37,6 +37,7 @@ class Tracker {
  private:
   void predict();
   void track_with_map(TrackResult* result);
+  MapMatch match(MapMatching::Search search, bool with_partials);
   void accept(const MapMatch& match, bool blurred, TrackResult* result);
   void miss();
   void relocalise(TrackResult* result);
