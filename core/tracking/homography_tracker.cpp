@@ -12,6 +12,8 @@ constexpr int kMinCorners = 25;
 constexpr float kMinFoundFraction = 0.3f;  // found points among those searched, a ratio; not swept
 constexpr int kMinInliers = 14;         // found points without which no fit is tried, as in fit_homography(); not swept
 constexpr float kResidualDecay = 0.7f;  // factor of a point's offset from H, per frame without a match; not swept
+// Corners of the first view from which on no weaker ones are added. Not swept.
+constexpr int kEnoughCorners = 50;
 // Points searched in a frame, in turns. Each costs about 45 thousand ARMv6 instructions of the 6 million that a frame
 // may take.
 constexpr int kSearchesPerFrame = 85;
@@ -42,7 +44,7 @@ HomographyTracker::HomographyTracker(Arena& arena, const Config& config, WorkMet
 
 bool HomographyTracker::start(const Pyramid& first_view, const Vector3f& rotation_rate) {
   corners_.resize(corners_.capacity());
-  const int count = corner_source_->detect(first_view, corners_);
+  const int count = corner_source_->detect(first_view, corners_, kEnoughCorners);
   if (count < kMinCorners) return false;
   reset();
   for (int i = 0; i < count; ++i) {
