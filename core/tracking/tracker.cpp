@@ -31,7 +31,7 @@ Tracker::Tracker(Arena& arena, const Config& config, Map& map, WorkMeter& meter,
       map_(map),
       meter_(meter),
       frame_(arena, config.camera.model, meter),
-      full_frame_rotation_(arena, config.camera.model),
+      full_frame_rotation_(arena, config.camera),
       matching_(arena, config, map, meter),
       depth_filter_(arena, config, map, meter),
       keyframe_policy_(config, map, meter),
@@ -129,7 +129,9 @@ void Tracker::predict() {
   }
   const GreyImage& small = frame_.small();
   const RotationEstimate rotation = full_frame_rotation_.estimate(
-      frame_.previous_small(), small, motion_.expected_motion().R, motion_.expected_shift());
+      frame_.previous_small(), small, motion_.expected_motion().R, motion_.expected_shift(),
+      lamp_bands_.seen());
+  lamp_bands_.note(rotation.line_share);
   meter_.charge(Work::kRotationPixel, static_cast<int64_t>(rotation.iterations) * small.width * small.height);
   motion_.turn(&rotation);
 }
@@ -227,7 +229,7 @@ void Tracker::accept(const MapMatch& match, bool blurred, TrackResult* result) {
 void Tracker::relocalise(TrackResult* result) {
   motion_.stop();
   const RelocalisationCandidate candidate =
-      propose_pose(map_, full_frame_rotation_, frame_.small(), relocalise_attempt_++, meter_);
+      propose_pose(map_, full_frame_rotation_, lamp_bands_.seen(), frame_.small(), relocalise_attempt_++, meter_);
   mark_stage(Stage::kInitialise, result);
   if (candidate.keyframe < 0) return;
   motion_.start_guess(map_.keyframes()[candidate.keyframe].mean_depth);

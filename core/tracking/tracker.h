@@ -52,6 +52,7 @@ class Tracker {
 
   FrameInput frame_;
   FullFrameRotation full_frame_rotation_;
+  LampBands lamp_bands_;
   MotionModel motion_;
   MapMatching matching_;
   StillCamera still_camera_;
