@@ -47,6 +47,9 @@ class FullFrameRotation {
   RotationEstimate estimate(const GreyView& previous, const GreyView& current, const Matrix3f& R_start,
                             const Vector3f& t_over_depth, bool lamp_bands = false);
 
+  // The shutter's lines; kNone of a global shutter.
+  LampLines lines() const { return lines_of_; }
+
  private:
   friend class RobustFit<FullFrameRotation>;
   struct Pixel {       // a pixel of the small image
@@ -83,10 +86,8 @@ class FullFrameRotation {
   void eliminate_lines();
   float line_share() const;
 
-  enum class Lines : uint8_t { kNone, kRows, kColumns };
-
   CameraModel camera_;
-  Lines lines_of_;
+  LampLines lines_of_;
   int width_, height_;
   FixedVector<Pixel> pixels_;
   FixedVector<Line> lines_;

@@ -27,6 +27,9 @@ class FrameInput {
   // The frame must be validated. Level 0 may point into the frame's memory.
   void take(const Frame& frame);
 
+  // Lamps draw bands along these lines of the frame.
+  void set_lamp_lines(LampLines lines) { pyramid_.lamp_lines = lines; }
+
   int64_t timestamp_ns() const { return timestamp_ns_; }
   float dt_s() const { return dt_s_; }  // since the frame before
   const Pyramid& pyramid() const { return pyramid_; }

@@ -132,6 +132,7 @@ void Tracker::predict() {
       frame_.previous_small(), small, motion_.expected_motion().R, motion_.expected_shift(),
       lamp_bands_.seen());
   lamp_bands_.note(rotation.line_share);
+  if (lamp_bands_.seen()) frame_.set_lamp_lines(full_frame_rotation_.lines());
   meter_.charge(Work::kRotationPixel, static_cast<int64_t>(rotation.iterations) * small.width * small.height);
   motion_.turn(&rotation);
 }
