@@ -24,8 +24,9 @@ class FrameInput {
  public:
   FrameInput(Arena& arena, const CameraModel& camera, WorkMeter& meter);
 
-  // The frame must be validated. Level 0 may point into the frame's memory.
-  void take(const Frame& frame);
+  // The frame must be validated. Level 0 may point into the frame's memory. False when the picture is the last one again,
+  // bit for bit in L2, as from a recorder that stalls: nothing changes then, and the time of the frame is not counted.
+  bool take(const Frame& frame);
 
   // Lamps draw bands along these lines of the frame.
   void set_lamp_lines(LampLines lines) { pyramid_.lamp_lines = lines; }
@@ -44,6 +45,7 @@ class FrameInput {
   Pyramid pyramid_;
   GreyImage small_, previous_small_;
   bool has_frame_ = false, has_previous_ = false;
+  uint32_t hash_ = 0;  // of L2
   int64_t timestamp_ns_ = 0;
   float dt_s_ = 0;
 };

@@ -17,6 +17,10 @@ constexpr int kEnoughCorners = 50;
 // Points searched in a frame, in turns. Each costs about 45 thousand ARMv6 instructions of the 6 million that a frame
 // may take.
 constexpr int kSearchesPerFrame = 85;
+// A point rests within this distance of its place in the first view, level-0 px: twice the noise of a measurement; and
+// the share of such points, a ratio, from which on the camera stands. Not swept.
+constexpr float kRest_px = 0.8f;
+constexpr float kMaxRestingShare = 0.2f;
 // Homogeneous coordinate under which H cannot place a point, a ratio. Not swept.
 constexpr float kMinPlacedDepth = 0.1f;
 
@@ -102,6 +106,13 @@ void HomographyTracker::correct(const Matrix3f& rate) {
     if (point.found) point.x_2 = corrected(point.px_2, rate);
 }
 
+bool HomographyTracker::camera_stands() const {
+  int resting = 0;
+  for (const TrackedPoint& point : points_)
+    resting += point.found && point.farthest_sq < kRest_px * kRest_px;
+  return static_cast<float>(resting) > kMaxRestingShare * static_cast<float>(found_);
+}
+
 bool HomographyTracker::track(const Pyramid& first_view, const Pyramid& pyramid, float dt_s, const Matrix3f& R_cp,
                               const SearchOptions& options) {
   // Prediction: the rotation seen by the full frame, and the last frame's parallax continued.
@@ -120,6 +131,7 @@ bool HomographyTracker::track(const Pyramid& first_view, const Pyramid& pyramid,
     good = fit(H_);
   }
   for (TrackedPoint& point : points_) {
+    if (point.found) point.farthest_sq = std::max(point.farthest_sq, (point.px_2 - point.px_1).squaredNorm());
     if (good && point.found) {
       point.residual = point.x_2 - apply_homography(H_, point.x_1);
       point.on_plane = point.weight > 0;

@@ -52,6 +52,7 @@ void Tracker::reset() {
   hint_ = config_.auto_start ? Hint::kHoldStill : Hint::kTap;
   start_trigger_.reset();
   motion_.forget();
+  last_ = TrackResult();
   confirmed_ = 0;
 }
 
@@ -67,6 +68,7 @@ void Tracker::follow_map() {
   Similarity S;
   if (!map_.take_transform(&S)) return;
   motion_.apply(S);
+  last_.T_cw = S.moved(last_.T_cw);
   still_camera_.apply(motion_.T_cw());
 }
 
@@ -82,10 +84,12 @@ TrackResult Tracker::track(const Frame& frame, const Clock* clock) {
   result.timestamp_ns = frame.timestamp_ns;
   clock_ = clock;
   if (clock_) stage_start_ns_ = clock_->now_ns();
+  if (!frame_.take(frame)) {
+    mark_stage(Stage::kPyramid, &result);
+    return repeated(result);
+  }
   observed_.clear();
   matching_.forget();
-
-  frame_.take(frame);
   if (frame_.dt_s() > kMaxGap_s) motion_.stop();
   mark_stage(Stage::kPyramid, &result);
 
@@ -115,6 +119,22 @@ TrackResult Tracker::track(const Frame& frame, const Clock* clock) {
   result.erased_keyframes = map_.erased_count();
   result.map_points = map_.point_count();
   if (result.points.empty()) result.points = observed_;
+  last_ = result;
+  return result;
+}
+
+// The last picture once more, as from a recorder that stalls or at a lower rate than its times say: it has the last
+// picture's pose, and the motion model learns nothing from it.
+TrackResult Tracker::repeated(TrackResult result) {
+  follow_map();
+  const TrackResult taken = result;
+  result = last_;
+  result.timestamp_ns = taken.timestamp_ns;
+  std::copy_n(taken.stage_ns, kStages, result.stage_ns);
+  result.state = state_;
+  result.hint = hint_;
+  result.repeated = true;
+  result.keyframe_added = false;
   return result;
 }
 

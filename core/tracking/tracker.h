@@ -42,6 +42,7 @@ class Tracker {
   void miss();
   void relocalise(TrackResult* result);
   void track_initialiser(TrackResult* result);
+  TrackResult repeated(TrackResult result);
   void mark_stage(Stage stage, TrackResult* result);
 
   const Config& config_;
@@ -62,6 +63,7 @@ class Tracker {
   StartTrigger start_trigger_;
   FixedVector<ObservedPoint> observed_;
 
+  TrackResult last_;  // of the last picture that was not a repeated one
   TrackingState state_ = TrackingState::kWaiting;
   Hint hint_ = Hint::kTap;
   int confirmed_ = 0;           // good frames in a row since a relocalisation; 0 when none is being confirmed
