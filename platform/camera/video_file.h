@@ -55,6 +55,7 @@ class VideoFile {
   double duration_s_ = 0;  // of the images, as the container says; 0: unknown
   std::optional<int> frame_count_;
   bool has_times_ = true;
+  bool container_crops_ = false;  // asks to cut off borders; the codec's own crop belongs to how images are stored
   DisplayNote display_;
   double pixel_aspect_ = 1;
   int frames_read_ = 0;
@@ -62,7 +63,7 @@ class VideoFile {
   int64_t last_ns_ = 0;
   int untimed_ = 0;                        // frames without a time
   int format_change_ = 0;                  // the first frame of another size or format, counted from 1; 0: none
-  std::string damage_;                     // that ffmpeg reported though all frames came
+  std::string damage_;                     // that ffmpeg reported though it read to the end
   std::unique_ptr<ChildProcess> decoder_;  // null once the end is reached
 };
 
