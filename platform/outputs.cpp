@@ -196,7 +196,11 @@ void OutputFolder::keep(const std::string& name, Draft* draft) {
   // Told first: should the process end between the two, the list knows the old file and the new one.
   std::vector<Made> list = read_list();
   list.push_back({name, hash.value(), hash.bytes()});
-  write_list(list);
+  try {
+    write_list(list);
+  } catch (const InputError& error) {
+    throw InputError(path(name).string() + ": not written: " + error.what());
+  }
   draft->keep();
   written_.push_back(name);
 }

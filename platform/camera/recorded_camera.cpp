@@ -296,6 +296,11 @@ Opened open_video(const RecordingOptions& options, std::vector<std::string>* war
     warn(name + " is a raw " + video->container() + " stream, which holds no times: assuming " +
          number_text(video->frames_per_s()) + " frames/s; give the true rate with --fps");
   }
+  if (video->captured_frames_per_s() > 0 && options.fps == 0) {
+    const std::string captured = number_text(video->captured_frames_per_s());
+    warn(name + " was recorded at " + captured + " frames/s and is played at " + number_text(video->frames_per_s()) +
+         " (slow motion or time lapse): give the true rate with --fps " + captured);
+  }
   const double fps = options.fps > 0 ? options.fps : video->frames_per_s();
   if (video->frame_count()) opened.frame_count = (*video->frame_count() + options.every - 1) / options.every;
   opened.frames_per_s = fps / options.every;

@@ -201,11 +201,7 @@ void VideoFile::read_probe(const std::filesystem::path& file, std::vector<std::s
   if (aspect > 0.1 && aspect < 10) pixel_aspect_ = aspect;
   warn_of_kind(values, warn);
   const double captured_fps = ratio(values["TAG:com.android.capture.fps"]);
-  if (captured_fps > 0 && std::abs(captured_fps / frames_per_s_ - 1) > kMaxCaptureError) {
-    const std::string captured = std::to_string(std::lround(captured_fps));
-    warn("it was recorded at " + captured + " frames/s and is played at " + std::to_string(std::lround(frames_per_s_)) +
-         " (slow motion or time lapse): give the true rate with --fps " + captured);
-  }
+  if (std::abs(captured_fps / frames_per_s_ - 1) > kMaxCaptureError) captured_frames_per_s_ = captured_fps;
   container_crops_ = values.contains("crop_top");
   if (container_crops_) {
     warn("its container asks to cut off " + values["crop_left"] + ", " + values["crop_right"] + ", " +

@@ -31,7 +31,9 @@ class VideoFile {
   double frames_per_s() const { return frames_per_s_; }            // on average, or assumed
   std::optional<int> frame_count() const { return frame_count_; }  // that the container promises
   bool has_times() const { return has_times_; }                    // false for raw streams such as .h264
-  const std::string& container() const { return container_; }      // as ffmpeg calls it
+  // Slow motion and time lapse, as Android notes them: the rate of recording where it is another one; 0: not known.
+  double captured_frames_per_s() const { return captured_frames_per_s_; }
+  const std::string& container() const { return container_; }  // as ffmpeg calls it
   const DisplayNote& display() const { return display_; }
   double pixel_aspect() const { return pixel_aspect_; }  // width of a pixel by its height
 
@@ -52,6 +54,7 @@ class VideoFile {
   int width_ = 0;
   int height_ = 0;
   double frames_per_s_ = 0;
+  double captured_frames_per_s_ = 0;
   double duration_s_ = 0;  // of the images, as the container says; 0: unknown
   std::optional<int> frame_count_;
   bool has_times_ = true;

@@ -235,8 +235,8 @@ def fill_disks(program, chosen, work, sequence, seed_map, count):
         else:
             size_kb = chosen.randrange(32, 3000) if kind == "small disk" else 8000
             subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size_kb}k", "none", folder], check=True)
+            child = program.start(arguments, folder)
             try:
-                child = program.start(arguments, folder)
                 after_s = chosen.uniform(0, 2.5)
                 if kind != "small disk":
                     time.sleep(after_s)
@@ -251,6 +251,8 @@ def fill_disks(program, chosen, work, sequence, seed_map, count):
                 judge_failed_outputs(program, folder, done,
                                      arguments + [f"# {kind}, {size_kb} kB, filled after {after_s:.3f} s"])
             finally:
+                child.kill()  # had this program been interrupted
+                child.wait()
                 subprocess.run(["umount", folder], check=True)
         ended[(kind, done.returncode)] = ended.get((kind, done.returncode), 0) + 1
         if sys.stderr.isatty():
@@ -294,21 +296,20 @@ def make_users_tree(program, home, sequence, seed_map):
 def random_command(chosen, places):
     place = lambda: chosen.choice(places)  # noqa: E731
     new = lambda: chosen.choice(["new", "new/er", "new.map", "n.ply", "a b", "-x", "./new/.", "papers/new"])  # noqa: E731
-    any_ = lambda: place() if chosen.random() < 0.75 else new()  # noqa: E731
+    any_ = lambda: place() if chosen.random() < 0.5 else new()  # noqa: E731
     outputs = [["--out", any_()], ["--save-map", any_()], ["--no-overlay"], ["--no-report"]]
     options = {
-        "sim": outputs + [["--seed", str(chosen.randrange(3))], ["--dump", any_()], ["--load-map", any_()],
-                          ["--lock-map"], ["--scene", chosen.choice(["desk", "moon"])]],
-        "replay": outputs + [["--fov", "50"], ["--calibration", place()], ["--calibration", "seq/calibration.yaml"],
-                             ["--load-map", any_()], ["--rotate", "90"], ["--resize", "120x160"],
-                             ["--every", "3"], ["--fps", "15"]],
-        "readout": [["--fov", "50"], ["--axis", "rows"], ["--resize", "60x80"]],
+        "sim": outputs + [["--seed", str(chosen.randrange(3))], ["--dump", any_()], ["--load-map", "town.map"]],
+        "replay": outputs + [["--calibration", chosen.choice(["seq/calibration.yaml", place()])],
+                             ["--load-map", chosen.choice(["town.map", place()])], ["--rotate", "90"],
+                             ["--resize", "120x160"], ["--every", "5"], ["--fps", "15"]],
+        "readout": [["--axis", "rows"], ["--resize", "80x80"]],
         "eval": [["--plot", any_()], [place()]],
         "info": [], "export": [["--ply", any_()], ["--colmap", any_()]]}
     name = chosen.choice(["sim", "replay", "replay", "replay", "eval", "info", "export", "export", "readout"])
     words = {"sim": ["sim", "--duration", "0.3"],
-             "replay": ["replay", chosen.choice(["seq", "clip.mp4", "overlay.mp4", "photo.png", place()])],
-             "readout": ["readout", chosen.choice(["photo.png", place()]), "--every", "20"],
+             "replay": ["replay", chosen.choice(["seq", "clip.mp4", "overlay.mp4", "photo.png", place()]), "--fov", "50"],
+             "readout": ["readout", chosen.choice(["photo.png", place()]), "--every", "20", "--fov", "50"],
              "eval": ["eval", chosen.choice(["trajectory.txt", place()]), chosen.choice(["truth.txt", place()])],
              "info": ["map", "info", place()],
              "export": ["map", "export", chosen.choice(["town.map", "link.map", place()])]}[name]

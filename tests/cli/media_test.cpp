@@ -197,6 +197,10 @@ TEST_F(Media, SlowMotionIsNamed) {
   };
   EXPECT_TRUE(says(captured("240.000000"), "recorded at 240 frames/s and is played at 25"));
   EXPECT_TRUE(says(captured("240.000000"), "give the true rate with --fps 240"));
+  RecordingOptions options;
+  options.source = folder_ / "s.mp4";
+  options.fps = 240;
+  EXPECT_EQ(see(options).said, "");
   EXPECT_EQ(captured("25.000000"), "");
 }
 
