@@ -186,11 +186,16 @@ ImageHeader checked_header(const std::string& name, Bytes bytes) {
   return header;
 }
 
-// Called before a decoder takes memory for pixels. A size other than the header's, which has been checked, is refused:
-// a decoder that is asked for no pixels gives up.
-void refuse_other_size(GdkPixbufLoader* loader, int width, int height, gpointer checked) {
-  const auto& header = *static_cast<const ImageHeader*>(checked);
-  if (width != header.width || height != header.height) gdk_pixbuf_loader_set_size(loader, 0, 0);
+struct SizeCheck {
+  int64_t width, height;  // of the header, which has been checked
+  bool differs = false;
+};
+
+// Called before a decoder takes memory for pixels: one that is then asked for none gives up.
+void refuse_other_size(GdkPixbufLoader* loader, int width, int height, gpointer size_check) {
+  auto& check = *static_cast<SizeCheck*>(size_check);
+  check.differs = width != check.width || height != check.height;
+  if (check.differs) gdk_pixbuf_loader_set_size(loader, 0, 0);
 }
 
 // Decoded by the format's own decoder: no other one looks at the bytes.
@@ -199,11 +204,16 @@ Pixbuf decode(const std::string& name, const ImageHeader& header, Bytes bytes) {
   GdkPixbufLoader* loader = gdk_pixbuf_loader_new_with_type(header.format, &error);
   if (!loader) throw InputError("cannot read image " + name + ": " + take_message(error));
   const std::unique_ptr<GdkPixbufLoader, void (*)(GdkPixbufLoader*)> owner(loader, [](auto* l) { g_object_unref(l); });
-  g_signal_connect(loader, "size-prepared", G_CALLBACK(refuse_other_size), const_cast<ImageHeader*>(&header));
+  SizeCheck check{header.width, header.height};
+  g_signal_connect(loader, "size-prepared", G_CALLBACK(refuse_other_size), &check);
   const bool written =
       gdk_pixbuf_loader_write(loader, reinterpret_cast<const guchar*>(bytes.data()), bytes.size(), &error) != FALSE;
   const bool closed = gdk_pixbuf_loader_close(loader, written ? &error : nullptr) != FALSE;
-  if (!written || !closed) throw InputError("cannot read image " + name + ": " + take_message(error));
+  if (!written || !closed) {
+    const std::string message = take_message(error);
+    throw InputError("cannot read image " + name + ": " +
+                     (check.differs ? "its header tells two sizes: convert it" : message));
+  }
   GdkPixbuf* pixbuf = gdk_pixbuf_loader_get_pixbuf(loader);
   if (!pixbuf) throw InputError("cannot read image " + name + ": it holds no image");
   return {GDK_PIXBUF(g_object_ref(pixbuf)), unref};

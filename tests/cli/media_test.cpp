@@ -156,7 +156,7 @@ TEST_F(Media, DoubledAndBackwardStampsAreNoDamage) {
 
 // ffmpeg closes gaps of over 10 s in some containers unless it is told not to; times begin at 0 in all.
 TEST_F(Media, LongGapsStay) {
-  for (const char* name : {"v.ts", "v.mts", "v.mpg", "v.mkv"}) {
+  for (const char* name : {"v.ts", "v.mts", "v.mkv"}) {
     encode_flat(
         8,
         {"-vf", "setpts=if(lt(N\\,4)\\,N\\,N+375)/25/TB", "-fps_mode", "passthrough", "-c:v", "mpeg2video", "-bf", "0"},
@@ -181,7 +181,10 @@ TEST_F(Media, StreamsCutAnywhereAreReadToTheirEnd) {
   EXPECT_GE(cut.greys.size(), 6u);
   EXPECT_EQ(cut.said.find("error"), std::string::npos) << cut.said;
   // Of a file that promises more than it holds the end is missed.
-  encode_flat(12, {"-c:v", "ffv1"}, "whole.mkv");
+  std::vector<std::string> rows(12, std::string(64, ' '));
+  for (size_t i = 0; i < rows.size(); ++i)
+    for (size_t x = 0; x < 64; ++x) rows[i][x] = static_cast<char>((x * 7919 + i * 10473) % 251);
+  encode(rows, {"-c:v", "rawvideo"}, "whole.mkv");
   const std::string matroska = bytes_of("whole.mkv");
   write("cut.mkv", matroska.substr(0, matroska.size() / 2));
   EXPECT_TRUE(says(see("cut.mkv").said, "truncated or corrupt after frame"));
@@ -326,7 +329,7 @@ TEST_F(Media, PixelShapeIsHonoured) {
   EXPECT_TRUE(says(see(options).said, "says 1.014, which is taken"));
   // One that agrees with the file says nothing new.
   std::string agreeing = kalibr(64, 48);
-  agreeing.replace(agreeing.find("70, 71"), 6, "60, 80");
+  agreeing.replace(agreeing.find("70, 71, 25, 30"), 14, "60, 80, 31, 24");
   write("wide.yaml", agreeing);
   options.calibration = folder_ / "wide.yaml";
   EXPECT_EQ(see(options).said, "");
