@@ -294,18 +294,20 @@ class SimCommand {
 
   int dump(platform::Camera& camera) const {
     int frames = 0;
+    bool begun = false;
     std::string broken;
     try {
       Progress progress;
       dump_sequence(camera, chosen_.dump, [&](int done, int total) {
-        if (done == 1) stop_on_signals();
+        if (!begun) stop_on_signals();
+        begun = true;
         frames = done;
-        progress.show(done, total, "written");
+        if (done > 0) progress.show(done, total, "written");
         return !interrupted();
       });
       broken = interruption();
     } catch (const InputError& error) {
-      if (frames == 0) throw;
+      if (!begun) throw;
       broken = error.what();
     }
     print_line(format("%d images written to ", frames) + chosen_.dump);
