@@ -5,7 +5,9 @@
 #include <map>
 #include <utility>
 
+#include "sim_phone/bystanders.h"
 #include "sim_phone/hand.h"
+#include "sim_phone/lamp_and_focus.h"
 #include "sim_phone/paint.h"
 #include "sim_phone/random.h"
 
@@ -359,23 +361,11 @@ Story slanted_start(const Stage& stage, Random& random, uint64_t seed) {
 
 // ---- a hand ----
 
-Surface skin(double width_m, double height_m, const Vector3d& origin, const Vector3d& u, const Vector3d& v,
-             Random& random) {
+Surface piece_of_hand(double width_m, double height_m, const Vector3d& origin, const Vector3d& u, const Vector3d& v,
+                      Random& random) {
   constexpr double kTexel_m = 0.0005;
   Canvas canvas(width_m, height_m, kTexel_m);
-  const double tone = random.uniform(0.25, 0.5);
-  const uint32_t seed = static_cast<uint32_t>(random.bits());
-  ValueNoise coarse(seed), fine(seed + 1);
-  canvas.paint(Place(0, 0, 0), 0, 0, width_m, height_m, 0, [&](double x, double y) {
-    const float n = 0.7f * coarse(static_cast<float>(60 * x), static_cast<float>(60 * y)) +
-                    0.3f * fine(static_cast<float>(400 * x), static_cast<float>(400 * y));
-    const double edge = std::min({x, width_m - x, y, height_m - y});  // rounder at its sides: darker
-    return Ink{tone * (0.85 + 0.3 * static_cast<double>(n)) * (0.6 + 0.4 * std::clamp(edge / 0.006, 0.0, 1.0)), 1};
-  });
-  for (int i = 0; i < 4; ++i) {  // creases
-    const double y = height_m * random.uniform(0.1, 0.9);
-    canvas.line(Place(0, y, random.uniform(-0.4, 0.4)), 0.1 * width_m, 0, 0.8 * width_m, 0, 0.0012, 0.5 * tone, 0.7);
-  }
+  skin(canvas, random);
   Surface surface;
   surface.origin = origin;
   surface.u_axis = u;
@@ -395,7 +385,7 @@ Story hand_passing(const Stage& stage, Random& random, uint64_t seed) {
   auto hand = std::make_shared<Occluder>();
   const auto add = [&](double width_m, double height_m, double middle, double top) {
     const Vector3d origin = (middle - 0.5 * width_m) * across + top * along;
-    hand->surfaces.push_back(skin(width_m, height_m, origin, across, along, random));
+    hand->surfaces.push_back(piece_of_hand(width_m, height_m, origin, across, along, random));
   };
   add(0.075, 0.085, 0, -0.04);
   for (int finger = 0; finger < 4; ++finger) {
@@ -473,6 +463,20 @@ Story dim(const Stage& stage, Random& random, uint64_t seed) {
   return story;
 }
 
+Story story_of_motion(const PhoneOptions& options, const Scene& scene) {
+  Story story;
+  const std::vector<std::string> starts = start_names();
+  if (std::find(starts.begin(), starts.end(), options.motion) != starts.end()) {
+    const Start start = make_start(options.motion, scene, options.seed);
+    story.curve = start.curve;
+    story.move_s = start.move_s;
+  } else {
+    story.curve = make_motion(options.motion, scene.stage, options.seed, options.duration_s, options.harsh.haste);
+    story.move_s = kHold_s;
+  }
+  return story;
+}
+
 }  // namespace
 
 const std::vector<StoryKind>& stories() {
@@ -510,7 +514,7 @@ const StoryKind* find_story(const std::string& name) {
   return nullptr;
 }
 
-Story make_story(const std::string& name, const Scene& scene, uint64_t seed) {
+Story make_story(const std::string& name, const Scene& scene, uint64_t seed, const Harshness& harsh) {
   const StoryKind* kind = find_story(name);
   if (kind == nullptr) return {};
   const Stage& stage = scene.stage;
@@ -538,23 +542,20 @@ Story make_story(const std::string& name, const Scene& scene, uint64_t seed) {
   if (teller != tellers.end()) {
     story = teller->second(stage, random, seed);
   } else {
-    story.curve = make_motion("calm", stage, seed, kind->duration_s);
+    story.curve = make_motion("calm", stage, seed, kind->duration_s, harsh.haste);
   }
   story.move_s = kHold_s;
   return story;
 }
 
 Story story_of(const PhoneOptions& options, const Scene& scene) {
-  if (!options.story.empty()) return make_story(options.story, scene, options.seed);
-  Story story;
-  const std::vector<std::string> starts = start_names();
-  if (std::find(starts.begin(), starts.end(), options.motion) != starts.end()) {
-    const Start start = make_start(options.motion, scene, options.seed);
-    story.curve = start.curve;
-    story.move_s = start.move_s;
-  } else {
-    story.curve = make_motion(options.motion, scene.stage, options.seed, options.duration_s);
-    story.move_s = kHold_s;
+  const Harshness& harsh = options.harsh;
+  Story story =
+      options.story.empty() ? story_of_motion(options, scene) : make_story(options.story, scene, options.seed, harsh);
+  for (auto& mover : make_bystanders(scene.stage, harsh.people, options.seed)) story.movers.push_back(std::move(mover));
+  if (const std::function<double(double)> lamp = lamp_light(harsh, options.seed)) {
+    story.light =
+        story.light == nullptr ? lamp : [lamp, light = story.light](double t_s) { return lamp(t_s) * light(t_s); };
   }
   return story;
 }

@@ -52,13 +52,14 @@ struct Story {
   std::optional<Standstill> standstill;
   std::function<double(double t_s)> light;   // SensorOptions::light; may be null
   std::shared_ptr<const Occluder> occluder;  // may be null
+  std::vector<std::shared_ptr<const Mover>> movers;
 };
 
 // name is one of stories(); scene is that story's with this seed (its stage alone, without surfaces, gives the same
-// story but for "rotation_start").
-Story make_story(const std::string& name, const Scene& scene, uint64_t seed);
+// story but for "rotation_start"). Of harsh, haste counts in stories that explore calmly.
+Story make_story(const std::string& name, const Scene& scene, uint64_t seed, const Harshness& harsh = {});
 
-// What happens with these options: their story, or their motion with nothing else.
+// What happens with these options: their story or their motion, and what is harsh about it.
 Story story_of(const PhoneOptions& options, const Scene& scene);
 
 // The phone's options for a story; what is changed in them afterwards holds.

@@ -33,6 +33,7 @@ struct SimChoice {
   std::optional<double> duration_s, exposure_s, drop_probability;  // without them a story's own hold
   std::string readout;
   bool no_noise = false;
+  std::vector<std::string> harsh;
   std::string dump;
 };
 
@@ -83,6 +84,12 @@ CLI::Option* add_sequence_options(CLI::App* sim, SimChoice* chosen) {
   sim->add_option("--exposure", chosen->exposure_s, "Exposure time [0.03, or the story's]")->type_name("SECONDS");
   sim->add_option("--fps", phone.frames_per_s, "Frames per second")->capture_default_str()->type_name("N");
   sim->add_flag("--no-noise", chosen->no_noise, "An ideal sensor");
+  sim->add_option("--harsh", chosen->harsh,
+                  "What makes real pictures hard: NAME or NAME:VALUE of the causes below, or all; several with commas")
+      ->delimiter(',')
+      ->expected(1)
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
+      ->type_name("NAME[:VALUE]");
   sim->add_option("--drop", chosen->drop_probability, "Probability that the camera drops a frame [0, or the story's]")
       ->type_name("P");
   sim->add_option("--dump", chosen->dump, "Only write the sequence, in TUM layout")->type_name("DIR");
@@ -135,12 +142,16 @@ void add_laboratory_options(CLI::App* sim, CLI::Option* story, ChosenStudies* ch
 std::string footer() {
   std::string text = "Stories:\n";
   for (const sim::StoryKind& kind : sim::stories()) text += format("  %-16s %s\n", kind.name, kind.says);
+  text += "Causes of --harsh:\n";
+  for (const sim::Cause& cause : sim::causes())
+    text += format("  %-16s %s [%g]\n", cause.name, cause.says, cause.usual);
   return text +
          "Examples:\n"
          "  pocket-ptam sim --scene boxes --seed 3 --out out/boxes3\n"
          "  pocket-ptam sim --story shake --seed 2\n"
          "  pocket-ptam sim --readout rows:+:0.030 --fps 30   another phone's shutter\n"
          "  pocket-ptam sim --dump /tmp/desk                  a sequence for other programs\n"
+         "  pocket-ptam sim --harsh people,flicker:0.3 --exposure 0.004\n"
          "  pocket-ptam sim --save-map desk.map\n"
          "  pocket-ptam sim --load-map desk.map --lock-map --seed 2 --scene-seed 1\n"
          "  pocket-ptam sim --suite --seeds 5 --jobs 2 --compare\n"
@@ -196,6 +207,7 @@ class SimCommand {
     if (chosen_.duration_s) phone->duration_s = *chosen_.duration_s;
     if (chosen_.exposure_s) phone->exposure_s = *chosen_.exposure_s;
     if (chosen_.drop_probability) phone->drop_probability = *chosen_.drop_probability;
+    sim::add_harshness(chosen_.harsh, &phone->harsh);
   }
 
   void adjust_story(sim::PhoneOptions* phone) const {
@@ -239,6 +251,7 @@ class SimCommand {
     if (chosen_.drop_probability) options.repeat_options += format(" --drop %g", *chosen_.drop_probability);
     if (!chosen_.readout.empty()) options.repeat_options += " --readout " + chosen_.readout;
     if (chosen_.no_noise) options.repeat_options += " --no-noise";
+    for (const std::string& cause : chosen_.harsh) options.repeat_options += " --harsh " + cause;
     return laboratory::run_suite(options) == 0 ? kExitOk : kExitBroken;
   }
 
@@ -276,8 +289,7 @@ class SimCommand {
   int run_once() const {
     const sim::PhoneOptions& phone = chosen_.phone;
     sim::check_phone_options(phone);
-    const auto scene =
-        std::make_shared<const sim::Scene>(sim::make_scene(phone.scene, phone.scene_seed.value_or(phone.seed)));
+    const auto scene = std::make_shared<const sim::Scene>(sim::make_scene(phone));
     const std::unique_ptr<platform::Camera> camera = sim::make_phone_camera(phone, scene);
     if (!chosen_.dump.empty()) return dump(*camera);
     Knowledge knowledge;

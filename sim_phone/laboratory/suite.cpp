@@ -151,7 +151,7 @@ Row run_one(const SuiteOptions& options, size_t group, uint64_t seed) {
   row.loses = kind != nullptr && kind->loses;
   try {
     const auto scene =
-        std::make_shared<const sim::Scene>(sim::make_scene(phone.scene, phone.scene_seed.value_or(phone.seed)));
+        std::make_shared<const sim::Scene>(sim::make_scene(phone));
     const sim::Story story = sim::story_of(phone, *scene);
     KeepingCamera camera(sim::make_phone_camera(phone, scene));
     const platform::Trajectory truth = camera.ground_truth();
