@@ -15,9 +15,9 @@ using Eigen::Isometry3d;
 
 constexpr double kFirst_s = 4;        // the first arm comes
 constexpr double kFirstStep_s = 1.5;  // the first person, who takes over two seconds to come into view
-constexpr double kTexel_m = 0.001;
+constexpr double kClothTexel_m = 0.001;
 
-Surface surface_of(Canvas& canvas, const Vector3d& origin, const Vector3d& u, const Vector3d& v, double light) {
+Surface moving_surface(Canvas& canvas, const Vector3d& origin, const Vector3d& u, const Vector3d& v, double light) {
   Surface surface;
   surface.origin = origin;
   surface.u_axis = u;
@@ -50,24 +50,25 @@ std::shared_ptr<Mover> make_arm(Random& random) {
   const Vector3d u = Vector3d::UnitX(), v = -Vector3d::UnitY();
   auto arm = std::make_shared<Mover>();
   const auto add = [&](Canvas& canvas, double from_x, double z) {
-    arm->surfaces.push_back(surface_of(canvas, {from_x, 0.5 * canvas.height_m(), z}, u, v, 0.9));
+    arm->surfaces.push_back(moving_surface(canvas, {from_x, 0.5 * canvas.height_m(), z}, u, v, 0.9));
   };
-  Canvas sleeve(kSleeve_m, random.uniform(0.08, 0.12), kTexel_m), hand(kHand_m, random.uniform(0.07, 0.09), kTexel_m);
+  Canvas sleeve(kSleeve_m, random.uniform(0.08, 0.12), kClothTexel_m),
+      hand(kHand_m, random.uniform(0.07, 0.09), kClothTexel_m);
   cloth(sleeve, random);
   skin(hand, random);
   add(sleeve, kHand_m, 0.01);
   add(hand, 0, 0);
   if (random.chance(0.5)) {
     const double width = random.uniform(0.08, 0.14);
-    Canvas thing(width, 1.35 * width, kTexel_m);
+    Canvas thing(width, 1.35 * width, kClothTexel_m);
     cover(thing, Place(0.5 * width, 0.675 * width, 0), width, 1.35 * width, random);
     add(thing, -0.08, -0.01);
   }
   return arm;
 }
 
-// Every few seconds the arm reaches in from a side, to three places one after the other, and leaves.
-std::function<Isometry3d(double)> reaching(double azimuth_rad, double busy, double first_s, double every_s,
+// Every so often the arm reaches in from a side, to three places one after the other, and leaves.
+std::function<Isometry3d(double)> reaching(double azimuth_rad, double stay_s, double first_s, double every_s,
                                            double height_m, uint64_t seed) {
   constexpr double kOutside_m = 0.9, kReach_m = 0.22, kEnter_s = 0.6;
   return [=](double t_s) {
@@ -75,7 +76,6 @@ std::function<Isometry3d(double)> reaching(double azimuth_rad, double busy, doub
     Random random(seed, static_cast<uint64_t>(visit));
     const double side = azimuth_rad + random.uniform(-2, 2);
     const Vector3d outside = kOutside_m * Vector3d(std::cos(side), std::sin(side), 0);
-    const double stay_s = std::max(busy * every_s, 2 * kEnter_s);
     const double t = t_s - first_s - visit * every_s;
     Vector3d tip = outside;
     Vector3d last = outside;
@@ -101,9 +101,9 @@ std::shared_ptr<Mover> make_person(Random& random) {
   const Vector3d u = -Vector3d::UnitX(), v = -Vector3d::UnitZ();  // v x u points along y
   auto person = std::make_shared<Mover>();
   const auto add = [&](Canvas& canvas, double top, double y) {
-    person->surfaces.push_back(surface_of(canvas, {0.5 * canvas.width_m(), y, top}, u, v, 0.9));
+    person->surfaces.push_back(moving_surface(canvas, {0.5 * canvas.width_m(), y, top}, u, v, 0.9));
   };
-  Canvas body(width, 0.9, kTexel_m), head(0.17, 0.23, kTexel_m);
+  Canvas body(width, 0.9, kClothTexel_m), head(0.17, 0.23, kClothTexel_m);
   cloth(body, random);
   skin(head, random);
   const double hair = random.uniform(0.02, 0.2);
@@ -133,17 +133,18 @@ std::vector<std::shared_ptr<const Mover>> make_bystanders(const Stage& stage, do
   Random random(seed, 53);
   if (stage.kind == Stage::Kind::kTable) {
     // Two arms that take turns.
-    constexpr double kEvery_s = 5;
+    constexpr double kTurn_s = 5, kShortest_s = 1.2;  // in and out again
     for (int i = 0; i < 2; ++i) {
       const std::shared_ptr<Mover> arm = make_arm(random);
       const double height = std::min(random.uniform(0.04, 0.1), 0.5 * stage.min_height_m);
-      arm->T_wm = reaching(stage.azimuth_rad, busy, kFirst_s + 0.5 * i * kEvery_s, kEvery_s, height, random.bits());
+      const double stay_s = std::max(busy * kTurn_s, kShortest_s);
+      arm->T_wm = reaching(stage.azimuth_rad, stay_s, kFirst_s + i * kTurn_s, 2 * kTurn_s, height, random.bits());
       all.push_back(arm);
     }
     return all;
   }
   constexpr double kHalfWay_m = 3.2;  // from the corner to where they are out of sight
-  constexpr double kInSight_m = 1.1;  // the width of a view and of a person
+  constexpr double kInSight_m = 0.6;  // of their way: where more than the tip of a shoulder is seen
   const double apart = kInSight_m / busy;
   const int people = static_cast<int>(std::ceil(2 * kHalfWay_m / apart));
   const double speed = random.uniform(0.7, 1.1), way = random.sign();
@@ -171,8 +172,8 @@ std::shared_ptr<const Mover> make_carried_thing(const Isometry3d& T_wc, double d
   Canvas canvas(width, height, 0.0005);
   cover(canvas, Place(0.5 * width, 0.5 * height, 0), width, height, random);
   // Seen from the camera: columns to the right, rows downwards, v x u points to the camera.
-  thing->surfaces.push_back(surface_of(canvas, {-0.5 * width, -0.5 * height, 0}, Vector3d::UnitX(), Vector3d::UnitY(),
-                                       random.uniform(0.8, 1)));
+  thing->surfaces.push_back(moving_surface(canvas, {-0.5 * width, -0.5 * height, 0}, Vector3d::UnitX(),
+                                           Vector3d::UnitY(), random.uniform(0.8, 1)));
   const double reach_x = random.uniform(0.1, 0.14) * depth, reach_y = random.uniform(0.08, 0.18) * depth;
   const double rate_x = 2 * std::numbers::pi / random.uniform(3, 5),
                rate_y = 2 * std::numbers::pi / random.uniform(3, 7);

@@ -18,7 +18,7 @@ constexpr float kCoatCell_m = 0.09f;    // glossy and matt parts
 constexpr float kReliefCell_m = 0.04f;  // the varnish's waves
 constexpr float kReliefSlope = 0.05f;   // of their sides: 3 degrees at most
 
-Texture wall(bool window, Random& random) {
+Texture room_wall(bool window, Random& random) {
   Canvas canvas(kFace_m, kFace_m, kFaceTexel_m);
   const Place place(0, 0, 0);
   canvas.rectangle(place, -1, -1, 3, 3, random.uniform(0.025, 0.05));
@@ -34,7 +34,7 @@ Texture wall(bool window, Random& random) {
   return canvas.finish();
 }
 
-Texture ceiling(Random& random) {
+Texture room_ceiling(Random& random) {
   Canvas canvas(kFace_m, kFace_m, kFaceTexel_m);
   const Place place(0, 0, 0);
   canvas.rectangle(place, -1, -1, 3, 3, 0.05);
@@ -59,9 +59,9 @@ Gloss::Gloss(double reflectance, uint64_t seed)
       relief_(static_cast<uint32_t>(mixed(seed + 0x62))) {
   Random random(seed, 52);
   const int window = random.integer(0, 3);
-  for (int face = 0; face < 4; ++face) room_[static_cast<size_t>(face)] = wall(face == window, random);
-  room_[4] = ceiling(random);
-  room_[5] = wall(false, random);  // the floor
+  for (int face = 0; face < 4; ++face) room_[static_cast<size_t>(face)] = room_wall(face == window, random);
+  room_[4] = room_ceiling(random);
+  room_[5] = room_wall(false, random);  // the floor
 }
 
 float Gloss::radiance(const Eigen::Vector3f& d) const {
@@ -74,7 +74,7 @@ float Gloss::radiance(const Eigen::Vector3f& d) const {
   const float x = axis == 0 ? d[1] : d[0];
   const float y = axis == 2 ? d[1] : -d[2];
   const float to_texels = static_cast<float>(0.5 * kFace_m / kFaceTexel_m);
-  const Texture& face = room_[static_cast<size_t>(2 * axis + (d[axis] < 0 ? 1 : 0))];
+  const Texture& face = room_[2 * static_cast<size_t>(axis) + (d[axis] < 0 ? 1 : 0)];
   return kBrightest / 65535 * face.sample((1 + x * scale) * to_texels, (1 + y * scale) * to_texels, kRoughness);
 }
 

@@ -162,21 +162,35 @@ void Walk::start_sideways() {
   t_s += move.length_s + random.uniform(0.0, 0.4);
 }
 
+View Walk::somewhere_else(double progress, bool turn_only) const {
+  // In haste to and fro along walls, and farther over tables.
+  if (haste > 0) progress = 1 - std::abs(1 - std::fmod((1 + haste) * progress, 2.0));
+  View next = another_view(stage, progress, random);
+  if (turn_only) {
+    next.position = view.position;
+  } else if (stage.kind == Stage::Kind::kTable) {
+    const Vector3d farther = 0.3 * haste * next.target;
+    next.position += farther;
+    next.target += farther;
+  }
+  return next;
+}
+
 void Walk::explore(double until_s, double story_s, bool turn_only) {
+  // A step of 13 to 32 cm, turning at most 38 degrees (turning alone: 8 to 30 degrees); in haste it is longer and leads
+  // to another part of the scene.
+  const double shortest = 0.13 + 0.08 * haste, longest = 0.32 + 0.12 * haste, elsewhere = 0.12 * haste;
   while (t_s < until_s) {
     const double progress = t_s / story_s;
     View best = view;
     double best_fault = 1e9;
     for (int attempt = 0; attempt < 300 && best_fault > 0; ++attempt) {
-      View next = another_view(stage, progress, random);
-      if (turn_only) next.position = view.position;
+      const View next = somewhere_else(progress, turn_only);
       const double length = (next.position - view.position).norm();
       const double turn = angle_between(view.pose(), next.pose());
-      // A step of 13 to 32 cm, turning at most 38 degrees (turning alone: 8 to 30 degrees); in haste longer steps.
-      const double shortest = 0.13 + 0.05 * haste, longest = 0.32 + 0.05 * haste;
-      const double fault = turn_only
-                               ? std::max({0.0, 8 * kDegree - turn, turn - 30 * kDegree})
-                               : std::max({0.0, shortest - length, length - longest, 0.5 * (turn - 38 * kDegree)});
+      const double fault = turn_only ? std::max({0.0, 8 * kDegree - turn, turn - 30 * kDegree})
+                                     : std::max({0.0, shortest - length, length - longest, 0.5 * (turn - 38 * kDegree),
+                                                 elsewhere - (next.target - view.target).norm()});
       if (fault < best_fault) {
         best_fault = fault;
         best = next;

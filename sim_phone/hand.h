@@ -115,6 +115,7 @@ struct Walk {
   // Calm moves until until_s or a little longer. story_s: over which the walls are walked along. turn_only: on the
   // spot.
   void explore(double until_s, double story_s, bool turn_only = false);
+  View somewhere_else(double progress, bool turn_only) const;
 };
 
 }  // namespace pptam::sim

@@ -33,7 +33,7 @@ const std::vector<Cause>& causes() {
       {"compression", &Harshness::compression, 2, 8, "8x8 blocks, quantised; 1 is JPEG's quality 50, 2 is 25"},
       {"breathing", &Harshness::breathing, 0.006, 0.05, "the focus hunts; change of the focal length"},
       {"dim", &Harshness::dimness, 0.75, 0.97, "a dim room, much gain; share of the light that is missing"},
-      {"brisk", &Harshness::haste, 2.5, 5, "hasty hands; how much faster they explore"},
+      {"brisk", &Harshness::haste, 3, 6, "hasty hands; how much faster they explore"},
   };
   return all;
 }

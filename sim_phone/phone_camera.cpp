@@ -19,7 +19,7 @@ namespace {
 using platform::InputError;
 using platform::joined;
 
-std::string number(double value) {
+std::string limit_text(double value) {
   return platform::format("%g", value);
 }
 
@@ -145,7 +145,7 @@ void check_phone_options(const PhoneOptions& o) {
   for (const Cause& cause : causes()) {
     const double value = o.harsh.*cause.value;
     require(value >= 0 && value <= cause.greatest,
-            std::string(cause.name) + " must be from 0 to " + number(cause.greatest));
+            std::string(cause.name) + " must be from 0 to " + limit_text(cause.greatest));
   }
 }
 

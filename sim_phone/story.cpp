@@ -7,6 +7,7 @@
 
 #include "sim_phone/bystanders.h"
 #include "sim_phone/hand.h"
+#include "sim_phone/harsh_stories.h"
 #include "sim_phone/lamp_and_focus.h"
 #include "sim_phone/paint.h"
 #include "sim_phone/random.h"
@@ -17,6 +18,7 @@ namespace {
 using Eigen::Isometry3d;
 
 constexpr double kExposure_s = 0.030;
+constexpr bool kHarsh = true;
 
 // Random streams: one for each story, so that no two begin alike.
 constexpr uint64_t kFirstStream = 60;
@@ -503,6 +505,41 @@ const std::vector<StoryKind>& stories() {
       {"lamps", "lamps are switched and flicker", "desk", 20, kExposure_s, 0, false, false},
       {"dim", "a third of the light, 60 ms exposure, a tenth of the frames dropped", "desk", 20, 0.060, 0.1, false,
        false},
+      // A harsher life. The order is kept: a story's place chooses its random numbers.
+      {"reflections", "glossy things mirror lamps and a window", "desk", 20, kExposure_s, 0, true, false, kHarsh},
+      {"people", "arms reach over the desk, half of the time", "desk", 20, kExposure_s, 0, true, false, kHarsh},
+      {"passers_by", "people pass before papered walls", "walls", 20, kExposure_s, 0, true, false, kHarsh},
+      {"bands_100", "a lamp at 100 Hz makes bands of 5 to 30 %", "desk", 20, kBandsExposure_s, 0, true, false, kHarsh},
+      {"bands_120", "a lamp at 120 Hz makes bands of 5 to 30 %", "desk", 20, kBandsExposure_s, 0, true, false, kHarsh},
+      {"bands_30fps", "either lamp, seen at 30 frames/s, read out in 30 ms", "desk", 20, kBandsExposure_s, 0, true,
+       false, kHarsh, WantedMap::kRight, Hint::kNone, 98, 30, -0.030},
+      {"lamp_on", "a lamp with bands is switched on after the start, and off", "desk", 20, kBandsExposure_s, 0, true,
+       false, kHarsh},
+      {"compressed", "compressed in blocks, quality 17 to 50", "desk", 20, kExposure_s, 0, true, false, kHarsh},
+      {"breathing", "the focus hunts and breathes", "desk", 20, kExposure_s, 0, true, false, kHarsh},
+      {"dim_room", "15 to 30 % of the light, much noise", "desk", 20, kExposure_s, 0, true, false, kHarsh,
+       WantedMap::kRight, Hint::kNone, 95},
+      {"brisk", "explores so fast that a second replaces the view", "desk", 20, 0.010, 0, true, false, kHarsh},
+      {"brisk_dim", "fast in half of the light, with an exposure of 20 ms", "desk", 20, 0.020, 0, true, false, kHarsh,
+       WantedMap::kRight, Hint::kNone, 95},
+      {"uneven", "half of the pages are missing, on a tablecloth whose pattern repeats", "desk", 20, kExposure_s, 0,
+       true, false, kHarsh},
+      {"bare_walls", "half of the posters and the ornament are missing", "walls", 20, kExposure_s, 0, true, false,
+       kHarsh},
+      {"postcards", "a bare table with two postcards", "postcards", 20, kExposure_s, 0, false, false, kHarsh,
+       WantedMap::kRightOrRefused, Hint::kTooLittleTexture},
+      {"all_alike", "tiles all alike and nothing else", "same_tiles", 20, kExposure_s, 0, false, false, kHarsh,
+       WantedMap::kRightOrRefused, Hint::kTooLittleTexture},
+      {"slanted_sparse", "a plain table with few things, first seen slanted by 48 to 60 degrees", "sparse", 20,
+       kExposure_s, 0, false, false, kHarsh, WantedMap::kRightOrRefused, Hint::kTooLittleTexture},
+      {"slanted_tiles", "tiles all alike with a few things, first seen slanted likewise", "tiles", 20, kExposure_s, 0,
+       false, false, kHarsh, WantedMap::kRightOrRefused, Hint::kTooLittleTexture},
+      {"pan", "pans on the spot at 60 to 100 degrees/s over what is new, and back", "desk", 27, 0.010, 0, false, false,
+       kHarsh},
+      {"pan_corner", "likewise from one wall to the other and back", "walls", 27, 0.010, 0, false, false, kHarsh},
+      {"carried_thing", "a camera at rest before which a printed thing is carried: no map", "desk", 15, kExposure_s, 0,
+       false, false, kHarsh, WantedMap::kNone},
+      {"life", "a little of all that is harsh", "boxes", 20, 0.020, 0, true, false, kHarsh},
   };
   return all;
 }
@@ -541,7 +578,7 @@ Story make_story(const std::string& name, const Scene& scene, uint64_t seed, con
   const auto teller = tellers.find(name);
   if (teller != tellers.end()) {
     story = teller->second(stage, random, seed);
-  } else {
+  } else if (!tell_harsh_story(name, stage, random, seed, &story)) {
     story.curve = make_motion("calm", stage, seed, kind->duration_s, harsh.haste);
   }
   story.move_s = kHold_s;
@@ -569,6 +606,9 @@ PhoneOptions phone_for_story(const std::string& name, uint64_t seed) {
     options.duration_s = kind->duration_s;
     options.exposure_s = kind->exposure_s;
     options.drop_probability = kind->drop_probability;
+    options.frames_per_s = kind->frames_per_s;
+    options.readout_s = kind->readout_s;
+    options.harsh = harshness_of_story(name, seed);
   }
   return options;
 }
