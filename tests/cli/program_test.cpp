@@ -111,6 +111,8 @@ TEST_F(Program, BadInputIsOneLineThatNamesItAndLeavesNothingBehind) {
       {"sim --suite --scene moon --out o", "moon"},
       {"sim --story flood --out o", "flood"},
       {"sim --suite --story flood --out o", "flood"},
+      {"sim --harsh fog --out o", "fog"},
+      {"sim --harsh dim:2 --out o", "dim:2"},
       {"sim --story orbit --story zoom --out o", "--suite"},
       {"sim --story orbit --motion calm --out o", "--story"},
       {"sim --shard 1/2 --out o", "--suite"},
