@@ -211,6 +211,7 @@ void VideoFile::read_probe(const std::filesystem::path& file, std::vector<std::s
 
   // Only these say truly how long they are. An edit list (of a trimmed clip) hides some frames from the count.
   const double stored = ratio(values["nb_frames"]);
+  counted_ = stored >= 1;
   const bool matroska = container_.starts_with("matroska");
   if (stored >= 1 || matroska) {
     duration_s_ = ratio(values["duration"]);
@@ -272,8 +273,8 @@ void VideoFile::check_end(size_t bytes_of_last_frame) {
   const std::string where = "video " + name_ + " is truncated or corrupt after frame " + std::to_string(frames_read_);
   const bool to_the_end = exit_code == 0 && bytes_of_last_frame == 0;
   const bool all_came = to_the_end && frame_count_ && frames_read_ >= *frame_count_;
-  if (!damage.empty() && !all_came && (!to_the_end || says_truncated(messages)))
-    throw InputError(where + ": " + damage);
+  const bool some_missing = !to_the_end || counted_ || says_truncated(messages);
+  if (!damage.empty() && !all_came && some_missing) throw InputError(where + ": " + damage);
   damage_ = damage;
   if (exit_code != 0) throw InputError(where + ": " + (last.empty() ? "ffmpeg failed" : last));
   if (bytes_of_last_frame != 0) throw InputError(where + ": the last frame is not whole");

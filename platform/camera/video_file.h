@@ -57,6 +57,7 @@ class VideoFile {
   double captured_frames_per_s_ = 0;
   double duration_s_ = 0;  // of the images, as the container says; 0: unknown
   std::optional<int> frame_count_;
+  bool counted_ = false;  // frame_count_ is a count of frames, no estimate
   bool has_times_ = true;
   bool container_crops_ = false;  // asks to cut off borders; the codec's own crop belongs to how images are stored
   DisplayNote display_;

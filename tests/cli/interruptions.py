@@ -374,9 +374,10 @@ def main():
         program.run(["sim", "--duration", "3", "--dump", sequence], work, check=True)
         program.run(["sim", "--duration", "3", "--no-overlay", "--out", "first", "--save-map", seed_map], work,
                     check=True)
-        kill_at_random(program, random.Random(f"{given.seed} kills"), work, sequence, seed_map, given.kills)
-        fill_disks(program, random.Random(f"{given.seed} disks"), work, sequence, seed_map, given.disks)
-        try_command_lines(program, random.Random(f"{given.seed} commands"), work, sequence, seed_map, given.commands)
+        for name, study, count in [("kills", kill_at_random, given.kills), ("disks", fill_disks, given.disks),
+                                   ("commands", try_command_lines, given.commands)]:
+            if count > 0:
+                study(program, random.Random(f"{given.seed} {name}"), work, sequence, seed_map, count)
     finally:
         shutil.rmtree(work, ignore_errors=True)
     print(f"{len(findings)} findings")
