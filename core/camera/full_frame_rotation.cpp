@@ -30,8 +30,8 @@ constexpr int kOverlapShare = 3;  // at least 1 / kOverlapShare of the interior 
 constexpr float kGainPull = 10.0f;
 // Share of a line's information that goes to its gain, a ratio: the rest keeps the equations regular. Not swept.
 constexpr float kLineShare = 0.97f;
-// Mean of RotationEstimate::line_share, a ratio, at which bands are seen, and down to which they stay. Between the shares
-// of steady and of flickering light. The mean is over about five frames. Not swept.
+// Mean of RotationEstimate::line_share, a ratio, at which bands are seen, and down to which they stay. Between the
+// shares of steady and of flickering light. The mean is over about five frames. Not swept.
 constexpr float kMinShare = 0.35f, kMinShareToStay = 0.25f;
 constexpr float kShareBlend = 0.2f;
 constexpr float kMinCost = 0.5f;  // grey^2 a pixel under which residuals are rounding, which has no lines; not swept
@@ -47,9 +47,9 @@ constexpr int kUnit = 16;                // warped_ is in units of 1/kUnit grey 
 
 FullFrameRotation::FullFrameRotation(Arena& arena, const Camera& camera)
     : camera_(camera.model),
-      lines_of_(camera.shutter.line_time_s == 0                              ? LampLines::kNone
+      lines_of_(camera.shutter.line_time_s == 0                      ? LampLines::kNone
                 : camera.shutter.axis == RollingShutter::Axis::kRows ? LampLines::kRows
-                                                                             : LampLines::kColumns),
+                                                                     : LampLines::kColumns),
       width_(camera.model.width >> kLevel),
       height_(camera.model.height >> kLevel),
       pixels_(arena, width_ * height_),
@@ -146,7 +146,8 @@ void FullFrameRotation::sum_row(int y) {
   const float x_middle = 0.5f * static_cast<float>(width_ - 1), y_middle = 0.5f * static_cast<float>(height_ - 1);
   const float unit = 2.0f / static_cast<float>(width_ + height_);  // scales coordinates to order 1
   const float ys = unit * (static_cast<float>(y) - y_middle);
-  const float row_gain = gain_.gain + gain_.y * ys + (lines_of_ == LampLines::kRows ? lines_[y].gain : 0), gain_x = gain_.x, offset = gain_.offset;
+  const float row_gain = gain_.gain + gain_.y * ys + (lines_of_ == LampLines::kRows ? lines_[y].gain : 0),
+              gain_x = gain_.x, offset = gain_.offset;
   float J0_J0 = 0, J1_J0 = 0, J1_J1 = 0, J2_J0 = 0, J2_J1 = 0, J2_J2 = 0;
   float J0_I = 0, J1_I = 0, J2_I = 0, J0_1 = 0, J1_1 = 0, J2_1 = 0, J0_X = 0, J1_X = 0, J2_X = 0;
   float I_I = 0, I_1 = 0, I_X = 0, w_1 = 0, X_1 = 0, X_X = 0;

@@ -41,9 +41,9 @@ class FullFrameRotation {
   FullFrameRotation(Arena& arena, const Camera& camera);  // its model is of level 0, prepared
 
   // Aligns `current` with `previous`, both made by make_small_image() from images of the camera's size. R_start: start
-  // for R_cp. t_over_depth: translation of T_cp divided by the scene's mean depth; zero without a map. lamp_bands: gives
-  // each line a gain of its own, because bands move from frame to frame and would be taken for a turn. Without bands
-  // that wastes information: shaken at 200 degrees/s, half of the frames are lost.
+  // for R_cp. t_over_depth: translation of T_cp divided by the scene's mean depth; zero without a map. lamp_bands:
+  // gives each line a gain of its own, because bands move from frame to frame and would be taken for a turn. Without
+  // bands that wastes information: shaken at 200 degrees/s, half of the frames are lost.
   RotationEstimate estimate(const GreyView& previous, const GreyView& current, const Matrix3f& R_start,
                             const Vector3f& t_over_depth, bool lamp_bands = false);
 

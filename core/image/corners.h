@@ -1,5 +1,5 @@
-// Multi-scale Shi-Tomasi corners [phone 3.1]: exhaustive only in L2, then iterative ascent down to L1 and L0. Where these
-// are not enough, corners follow that are seen in L1 and L0 only: all of L1 is scored then.
+// Multi-scale Shi-Tomasi corners [phone 3.1]: exhaustive only in L2, then iterative ascent down to L1 and L0. Where
+// these are not enough, corners follow that are seen in L1 and L0 only: all of L1 is scored then.
 //
 // Used once per keyframe and at the start of initialisation, never per tracked frame. Scores come from the integer
 // structure tensor of central differences; its minimum eigenvalue is the score. Windows are 7x7 in L0, 5x5 in L1 and
@@ -55,7 +55,8 @@ class CornerDetector {
   // returns the number of corners.
   int detect(const Pyramid& pyramid, const CornerParams& params, std::span<Corner> out, int enough = 0);
 
-  // Since start(): pixels of L2 and L1 of the rows scored, and 3x3 steps made in L1 and L0. The work meter charges these.
+  // Since start(): pixels of L2 and L1 of the rows scored, and 3x3 steps made in L1 and L0. The work meter charges
+  // these.
   int scored_pixels() const { return scored_pixels_; }
   int ascent_steps() const { return ascent_steps_; }
 

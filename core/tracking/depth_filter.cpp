@@ -105,12 +105,13 @@ void DepthFilter::try_slot(int slot, const Pyramid& pyramid, const Start& start)
   options.radius_px = std::clamp(half_length + start.margin_px, kMinRadius_px, kMaxRadius_px);
   const SearchOutcome outcome = finder_.find(partial.source, attempt.p_w, line.at_q, pyramid, options, &attempt.at);
   if (outcome == SearchOutcome::kNotVisible) return;
-  attempt.outcome = outcome == SearchOutcome::kFound ? PartialAttempt::Outcome::kFound : PartialAttempt::Outcome::kMissed;
+  attempt.outcome =
+      outcome == SearchOutcome::kFound ? PartialAttempt::Outcome::kFound : PartialAttempt::Outcome::kMissed;
   attempts_.push_back(attempt);
 }
 
-// lambda += J^2 / sigma^2, q += J e / (sigma^2 lambda), J = d(px)/dq along the epipolar line. False when the measurement
-// lies off the line.
+// lambda += J^2 / sigma^2, q += J e / (sigma^2 lambda), J = d(px)/dq along the epipolar line. False when the
+// measurement lies off the line.
 bool DepthFilter::correct(const PartialAttempt& attempt, const MotionModel& motion) {
   const PartialPoint& partial = map_.partial_points()[attempt.slot];
   Line line;

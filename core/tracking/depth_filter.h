@@ -22,7 +22,7 @@ struct PartialAttempt {
   int32_t slot = -1;  // of Map::partial_points()
   uint32_t id = 0;    // the point's
   Outcome outcome = Outcome::kOutOfRange;
-  bool known = false;  // found before, so that its place in the image is not one chance match
+  bool known = false;                        // found before, so that its place in the image is not one chance match
   Vector3f p_w = Vector3f::Zero();           // at its present inverse depth, world units
   Vector2f predicted_px = Vector2f::Zero();  // level-0 pixels
   ImagePoint at;                             // where it was found
@@ -44,9 +44,9 @@ class DepthFilter {
     SE3 T_cw;
     Vector6f velocity = Vector6f::Zero();  // during the readout
     float mean_depth = 1;                  // of the scene, world units
-    float margin_px = 0;  // of the pose's error in the image, pixels of the level searched
-    int level = 1;        // searched
-    int count = 0;        // points searched at most
+    float margin_px = 0;                   // of the pose's error in the image, pixels of the level searched
+    int level = 1;                         // searched
+    int count = 0;                         // points searched at most
   };
   // Searches partial points in turn. Nothing in the map changes.
   void search(const Pyramid& pyramid, const Start& start);

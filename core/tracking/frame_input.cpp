@@ -12,7 +12,7 @@ namespace {
 // Interval reported for the first frame, which has none before it: the phone's 15 Hz [phone 1].
 constexpr float kFirstInterval_s = 1.0f / 15.0f;
 
-constexpr int kHashedLevel = 2;  // noise of 2 grey levels is 0.5 in L2: no two of 4800 pixels' pictures are alike
+constexpr int kHashedLevel = 2;       // noise of 2 grey levels is 0.5 in L2: no two of 4800 pixels' pictures are alike
 constexpr int kHashInstructions = 2;  // ARMv6, a pixel: an estimate
 
 // FNV-1a, 32 bits, by words of four pixels. Pictures are compared within a run only.
@@ -44,7 +44,7 @@ FrameInput::FrameInput(Arena& arena, const CameraModel& camera, WorkMeter& meter
               small_width};
 }
 
-bool FrameInput::take(const Frame& frame) {
+bool FrameInput::take(const Frame& frame, bool pass_repeated) {
   const GreyView grey = to_grey(frame, grey_storage_);
   if (grey.data == grey_storage_.data)
     meter_.charge(Work::kGreyPixel, static_cast<int64_t>(frame.width) * frame.height);
@@ -54,7 +54,7 @@ bool FrameInput::take(const Frame& frame) {
   const GreyView& hashed = pyramid_.level[kHashedLevel];
   const uint32_t hash = hash_of(hashed);
   meter_.charge(Work::kOther, kHashInstructions * hashed.width * hashed.height);
-  if (has_frame_ && hash == hash_) return false;
+  if (pass_repeated && has_frame_ && hash == hash_) return false;
   hash_ = hash;
   has_previous_ = has_frame_;
   has_frame_ = true;

@@ -24,9 +24,10 @@ class FrameInput {
  public:
   FrameInput(Arena& arena, const CameraModel& camera, WorkMeter& meter);
 
-  // The frame must be validated. Level 0 may point into the frame's memory. False when the picture is the last one again,
-  // bit for bit in L2, as from a recorder that stalls: nothing changes then, and the time of the frame is not counted.
-  bool take(const Frame& frame);
+  // The frame must be validated. Level 0 may point into the frame's memory. False when repeated pictures are to be
+  // passed over and this is the last one again, bit for bit in L2, as from a recorder that stalls: nothing changes
+  // then, and the time of the frame is not counted.
+  bool take(const Frame& frame, bool pass_repeated);
 
   // Lamps draw bands along these lines of the frame.
   void set_lamp_lines(LampLines lines) { pyramid_.lamp_lines = lines; }

@@ -108,8 +108,7 @@ void HomographyTracker::correct(const Matrix3f& rate) {
 
 bool HomographyTracker::camera_stands() const {
   int resting = 0;
-  for (const TrackedPoint& point : points_)
-    resting += point.found && point.farthest_sq < kRest_px * kRest_px;
+  for (const TrackedPoint& point : points_) resting += point.found && point.farthest_sq < kRest_px * kRest_px;
   return static_cast<float>(resting) > kMaxRestingShare * static_cast<float>(found_);
 }
 

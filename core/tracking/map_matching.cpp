@@ -7,8 +7,9 @@ namespace pptam {
 
 namespace {
 
-// Tracking quality [ptam 5.6]: least share of inliers among the points searched, and least number of inliers. A frame
-// of good quality may become a keyframe; one that is not even poor counts towards being lost. Shares reached: 0.62 to
+// Tracking quality [ptam 5.6]: least share of inliers among the points searched, and least number of inliers, of map
+// points and of the partial points that took part. Only a frame of good quality confirms a pose of the relocaliser; one
+// that is not even poor counts towards being lost. Shares reached: 0.62 to
 // 0.78 in real recordings (their worst tenth 0.28 to 0.65), 0.83 to 0.94 on the emulated phone. Not swept.
 constexpr float kGoodFraction = 0.45f;
 constexpr float kPoorFraction = 0.22f;
@@ -18,6 +19,9 @@ constexpr int kPoorInliers = 8;
 // level-0 px, at less than this share of its depth. Not swept. Larger values excuse more misses, wrong poses' too.
 constexpr float kMaxOccluderDistance_px = 25.0f;
 constexpr float kMaxOccluderDepthRatio = 0.85f;
+// Time after which inliers must still be in view to count as held, s: a new corner serves the pose after about this
+// time, at 15 frames/s. Not swept.
+constexpr float kHeldAhead_s = 0.5f;
 // Radius of the search, pixels of the level searched: of every frame [phone 4], and of the coarse stage of a wide
 // search. The wide radius is not swept.
 constexpr float kRadius_px = 4.0f, kWideRadius_px = 7.0f;
@@ -65,7 +69,8 @@ MapMatching::MapMatching(Arena& arena, const Config& config, Map& map, WorkMeter
       selection_(arena, config, meter),
       attempts_(arena, config.max_measured_points),
       finder_(map, config.camera, meter),
-      pose_(arena, config.max_measured_points + config.max_partial_searches, config.camera.shutter.line_time_s != 0, meter) {}
+      pose_(arena, config.max_measured_points + config.max_partial_searches, config.camera.shutter.line_time_s != 0,
+            meter) {}
 
 MapMatch MapMatching::match(const Pyramid& pyramid, const MotionModel& motion, Search search, const SE3& T_first) {
   SE3 T_start = T_first;
@@ -186,7 +191,7 @@ float MapMatching::mean_depth(const SE3& T_cw, float without) const {
 }
 
 int MapMatching::held(const MotionModel& motion) const {
-  const SE3 T_ahead = SE3::exp(motion.last_motion() * 0.5f) * motion.T_cw();
+  const SE3 T_ahead = SE3::exp(motion.last_motion() * kHeldAhead_s) * motion.T_cw();
   int held = 0;
   for (const Attempt& attempt : attempts_) {
     Vector2f px;

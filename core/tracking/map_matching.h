@@ -32,10 +32,10 @@ struct Attempt {
 
 struct MapMatch {
   PoseUpdate pose;
-  int visible = 0;    // map points expected in the image, from which the searched ones were chosen
-  int attempted = 0;  // points searched, without those that are hidden
-  int found = 0;      // points found, outliers too
-  int inliers = 0;    // points that the pose agrees with
+  int visible = 0;          // map points expected in the image, from which the searched ones were chosen
+  int attempted = 0;        // points searched, without those that are hidden
+  int found = 0;            // points found, outliers too
+  int inliers = 0;          // points that the pose agrees with
   int partial_rows = 0;     // partial points that took part in the pose
   int partial_inliers = 0;  // those that it agrees with
   TrackingQuality quality = TrackingQuality::kBad;
@@ -64,7 +64,7 @@ class MapMatching {
   // Results of the last match.
   std::span<const Attempt> attempts() const { return attempts_; }
   float mean_depth(const SE3& T_cw, float without) const;  // of the inliers, world units; `without` if there are none
-  int held(const MotionModel& motion) const;  // inliers that will still be in view in half a second
+  int held(const MotionModel& motion) const;               // inliers that will still be in view in half a second
   float reprojection_px() const;                           // rms error of an inlier's coordinate, level-0 pixels
   int capacity() const { return selection_.capacity(); }
   void forget() { attempts_.clear(); }

@@ -14,8 +14,7 @@ constexpr int kComparisonsPerRotationPixel = 20;
 }  // namespace
 
 RelocalisationCandidate propose_pose(const Map& map, FullFrameRotation& full_frame_rotation, bool lamp_bands,
-                                     const GreyView& small,
-                                     int attempt, WorkMeter& meter) {
+                                     const GreyView& small, int attempt, WorkMeter& meter) {
   RelocalisationCandidate candidate;
   const int parts = (map.keyframes().size() + kComparedKeyframes - 1) / kComparedKeyframes;
   if (parts == 0) return candidate;

@@ -23,7 +23,6 @@ constexpr int kRelocalisationRanks = 3;  // best keyframes among these that are 
 // rotation of one of the best by zero-mean sum of squared differences. Successive attempts take the next best, then the
 // next keyframes, then the first ones again. keyframe = -1 when there are not that many or the rotation does not align.
 RelocalisationCandidate propose_pose(const Map& map, FullFrameRotation& full_frame_rotation, bool lamp_bands,
-                                     const GreyView& small,
-                                     int attempt, WorkMeter& meter);
+                                     const GreyView& small, int attempt, WorkMeter& meter);
 
 }  // namespace pptam

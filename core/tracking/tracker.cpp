@@ -20,8 +20,8 @@ constexpr float kRelocalisedInterval_s = 1.0f;
 
 // Inliers from which on map points alone give the pose, and partial points do not take part. Not swept.
 constexpr int kEnoughInliers = 30;
-// Error of the pose in the image, pixels of the level searched, where map points gave it, and where it is predicted. Not
-// swept.
+// Error of the pose in the image, pixels of the level searched, where map points gave it, and where it is predicted.
+// Not swept.
 constexpr float kPlacedMargin_px = 2.0f, kPredictedMargin_px = 4.0f;
 
 }  // namespace
@@ -84,7 +84,8 @@ TrackResult Tracker::track(const Frame& frame, const Clock* clock) {
   result.timestamp_ns = frame.timestamp_ns;
   clock_ = clock;
   if (clock_) stage_start_ns_ = clock_->now_ns();
-  if (!frame_.take(frame)) {
+  // Where there is no pose a repeated picture is tried again: a start or the relocaliser may have more luck with it.
+  if (!frame_.take(frame, last_.pose_valid || last_.state == TrackingState::kInitialising)) {
     mark_stage(Stage::kPyramid, &result);
     return repeated(result);
   }
@@ -149,8 +150,7 @@ void Tracker::predict() {
   }
   const GreyImage& small = frame_.small();
   const RotationEstimate rotation = full_frame_rotation_.estimate(
-      frame_.previous_small(), small, motion_.expected_motion().R, motion_.expected_shift(),
-      lamp_bands_.seen());
+      frame_.previous_small(), small, motion_.expected_motion().R, motion_.expected_shift(), lamp_bands_.seen());
   lamp_bands_.note(rotation.line_share);
   if (lamp_bands_.seen()) frame_.set_lamp_lines(full_frame_rotation_.lines());
   meter_.charge(Work::kRotationPixel, static_cast<int64_t>(rotation.iterations) * small.width * small.height);
@@ -196,7 +196,7 @@ MapMatch Tracker::match(MapMatching::Search search, bool with_partials) {
   start.mean_depth = placed ? matching_.mean_depth(start.T_cw, motion_.mean_depth()) : motion_.mean_depth();
   start.margin_px = placed ? kPlacedMargin_px : kPredictedMargin_px;
   start.level = search == MapMatching::Search::kBlurred ? config_.coarse_search_level : config_.search_level;
-  start.count = config_.max_partial_searches + std::max(0, matching_.capacity() - match.attempted);
+  start.count = config_.max_partial_searches + matching_.capacity() - static_cast<int>(matching_.attempts().size());
   depth_filter_.search(frame_.pyramid(), start);
   if (match.inliers >= kEnoughInliers) return match;
   return matching_.join(depth_filter_.attempts(), motion_, start.T_cw);
@@ -233,7 +233,8 @@ void Tracker::accept(const MapMatch& match, bool blurred, TrackResult* result) {
     state_ = TrackingState::kInitialising;
     result->progress = 1;
   }
-  // The map takes nothing from blurred frames, nor from frames of less than good quality.
+  // The map takes nothing from blurred frames. It does from those of poor quality: few points that agree constrain a
+  // pose whatever was not found, and a map that does not grow there starves.
   if (blurred) return;
   const bool fixed = map_.ready() && map_.locked();
   if (!fixed) matching_.count_searches();

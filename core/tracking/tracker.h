@@ -5,9 +5,10 @@
 //      ▲                          │ first view lost, map discarded   │ three bad frames       │
 //      └──────────────────────────┘                                  └──────▶ kLost ──────────┘
 //
-// FrameInput ─▶ MotionModel, FullFrameRotation ─▶ MapMatching ─▶ StillCamera ─▶ TrackResult. With a good pose also
-// DepthFilter and KeyframePolicy; without a map the initialiser; when lost the relocaliser. In the map the tracker
-// changes search statistics, partial points' depths and the queue of new keyframes. Bounded time; runs to completion.
+// FrameInput ─▶ MotionModel, FullFrameRotation ─▶ MapMatching with DepthFilter's partial points ─▶ StillCamera
+// ─▶ TrackResult. In sharp frames also KeyframePolicy; without a map the initialiser; when lost the relocaliser. In the
+// map the tracker changes search statistics, partial points' depths and the queue of new keyframes. Bounded time; runs
+// to completion.
 #pragma once
 
 #include <pocket_ptam/clock.h>

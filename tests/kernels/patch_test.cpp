@@ -500,8 +500,8 @@ TEST(PatchRefine, MaxContrastDoesNotOverflow) {
   EXPECT_LE(refined.residual, 255 * 1.5);
 }
 
-// A patch under a band whose brightness falls by up to 4 % a line: refined with the template's light matched it is found
-// as exactly as in steady light, refined without it is not.
+// A patch under a band whose brightness falls by up to 4 % a line: refined with the template's light matched it is
+// found as exactly as in steady light, refined without it is not.
 TEST(PatchLight, BandsDoNotMoveThePatch) {
   Random random;
   double sum_sq = 0, sum_sq_unmatched = 0;
