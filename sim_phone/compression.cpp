@@ -14,10 +14,10 @@ using DctBlock = std::array<float, static_cast<size_t>(kBlock) * kBlock>;
 
 // [ITU-T T.81, table K.1], grey levels times 8, as the transform below is orthonormal: steps in grey levels of a
 // coefficient.
-constexpr DctBlock kSteps = {16, 11, 10, 16, 24,  40,  51,  61,  12, 12, 14, 19, 26,  58,  60,  55,
-                             14, 13, 16, 24, 40,  57,  69,  56,  14, 17, 22, 29, 51,  87,  80,  62,
-                             18, 22, 37, 56, 68,  109, 103, 77,  24, 35, 55, 64, 81,  104, 113, 92,
-                             49, 64, 78, 87, 103, 121, 120, 101, 72, 92, 95, 98, 112, 100, 103, 99};
+constexpr DctBlock kLuminanceSteps = {16, 11, 10, 16, 24,  40,  51,  61,  12, 12, 14, 19, 26,  58,  60,  55,
+                                      14, 13, 16, 24, 40,  57,  69,  56,  14, 17, 22, 29, 51,  87,  80,  62,
+                                      18, 22, 37, 56, 68,  109, 103, 77,  24, 35, 55, 64, 81,  104, 113, 92,
+                                      49, 64, 78, 87, 103, 121, 120, 101, 72, 92, 95, 98, 112, 100, 103, 99};
 
 size_t place_in_block(int row, int column) {
   return static_cast<size_t>(row) * kBlock + static_cast<size_t>(column);
@@ -71,7 +71,7 @@ void compress(uint8_t* pixels, int width, int height, double coarseness) {
         block[static_cast<size_t>(i)] = static_cast<float>(corner[offset(i)]) - 128;
       DctBlock spectrum = transformed(block, kCosines, false);
       for (size_t i = 0; i < spectrum.size(); ++i) {
-        const float step = std::max(1.0f, static_cast<float>(coarseness) * kSteps[i]);
+        const float step = std::max(1.0f, static_cast<float>(coarseness) * kLuminanceSteps[i]);
         spectrum[i] = step * std::round(spectrum[i] / step);
       }
       block = transformed(spectrum, kCosines, true);

@@ -125,7 +125,7 @@ void pan_on_the_spot(const Stage& stage, Random& random, uint64_t seed, Story* s
 // ---- a camera at rest before which a thing is carried about ----
 
 void carried_thing(const Stage& stage, Random& random, uint64_t seed, Story* story) {
-  const Isometry3d T_wc = first_view(stage, random).pose();
+  Isometry3d T_wc = first_view(stage, random).pose();
   // To the table along the optical axis.
   const double depth_m = -T_wc.translation().z() / T_wc.linear()(2, 2);
   story->curve = [T_wc](double) { return T_wc; };

@@ -369,7 +369,8 @@ StudyTrial run_study_trial(const std::string& kind, uint64_t seed, double follow
   trial.phone = phone_for(kind_named(kind), seed);
   if (!scene) scene = study_scene(kind, seed);
   trial.start = sim::make_start(trial.phone.motion, *scene, seed);
-  trial.plane_known = trial.phone.scene == "plane";
+  trial.plane_known =
+      trial.phone.scene != "boxes" && sim::ground_plane_known(trial.phone.scene);  // no more than a plane
   const sim::Start& start = trial.start;
   const auto seconds = [](int64_t timestamp_ns) { return 1e-9 * static_cast<double>(timestamp_ns); };
 
