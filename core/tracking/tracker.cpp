@@ -85,7 +85,7 @@ TrackResult Tracker::track(const Frame& frame, const Clock* clock) {
   clock_ = clock;
   if (clock_) stage_start_ns_ = clock_->now_ns();
   // Where there is no pose a repeated picture is tried again: a start or the relocaliser may have more luck with it.
-  if (!frame_.take(frame, last_.pose_valid || last_.state == TrackingState::kInitialising)) {
+  if (!frame_.take(frame, last_.pose_valid)) {
     mark_stage(Stage::kPyramid, &result);
     return repeated(result);
   }
