@@ -192,8 +192,15 @@ ChildProcess::ChildProcess(const std::vector<std::string>& argv, Pipe pipe, cons
     sigaddset(&defaults, SIGPIPE);
     posix_spawnattr_setsigdefault(&attributes, &defaults);
     posix_spawnattr_setpgroup(&attributes, 0);
-    posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETPGROUP | POSIX_SPAWN_SETSIGDEF);
+    posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETPGROUP | POSIX_SPAWN_SETSIGDEF | POSIX_SPAWN_SETSIGMASK);
+    // A handler that ends this process must know of the child: its signals wait until it is remembered.
+    sigset_t all, before;
+    sigfillset(&all);
+    pthread_sigmask(SIG_BLOCK, &all, &before);
+    posix_spawnattr_setsigmask(&attributes, &before);
     error = ::posix_spawnp(&pid, program_.c_str(), &actions, &attributes, arguments.data(), environ);
+    if (error == 0) remember_child(pid);
+    pthread_sigmask(SIG_SETMASK, &before, nullptr);
     posix_spawnattr_destroy(&attributes);
     posix_spawn_file_actions_destroy(&actions);
   }
@@ -209,7 +216,6 @@ ChildProcess::ChildProcess(const std::vector<std::string>& argv, Pipe pipe, cons
     throw InputError("cannot run " + program_ + ": install it, on Debian with: apt install " + package);
   }
   pid_ = pid;
-  remember_child(pid_);
   limit(pid_, limits);
 }
 

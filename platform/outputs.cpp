@@ -196,13 +196,23 @@ void OutputFolder::keep(const std::string& name, Draft* draft) {
   // Told first: should the process end between the two, the list knows the old file and the new one.
   std::vector<Made> list = read_list();
   list.push_back({name, hash.value(), hash.bytes()});
-  write_list(list);
+  try {
+    write_list(list);
+  } catch (const InputError& error) {
+    throw InputError(path(name).string() + ": not written: " + error.what());
+  }
   draft->keep();
   written_.push_back(name);
 }
 
-void OutputFolder::finish() {
-  for (const std::string& name : names_) {
+void OutputFolder::finish(const std::string& below) {
+  std::vector<std::string> names = names_;
+  for (const Made& made : read_list()) {
+    const bool inside =
+        !below.empty() && made.name.starts_with(below) && made.name.find('/', below.size()) == std::string::npos;
+    if (inside) names.push_back(made.name);
+  }
+  for (const std::string& name : names) {
     const bool tried = std::find(tried_.begin(), tried_.end(), name) != tried_.end();
     std::error_code ignored;
     if (!tried && ours(name)) fs::remove(path(name), ignored);
@@ -220,7 +230,7 @@ void OutputFolder::finish() {
   write_list(list);
 }
 
-void check_output_file(const std::string& option, const fs::path& file, const Inputs& inputs, const std::string& a_kind,
+void judge_output_file(const std::string& option, const fs::path& file, const Inputs& inputs, const std::string& a_kind,
                        const std::function<bool(std::span<const std::byte>)>& ours) {
   const std::string named = option + " " + file.string();
   std::error_code error;
@@ -237,6 +247,11 @@ void check_output_file(const std::string& option, const fs::path& file, const In
       throw InputError(named + ": is there and is not " + a_kind +
                        " as this program made it, and is not replaced: move it away or name another file");
   }
+}
+
+void check_output_file(const std::string& option, const fs::path& file, const Inputs& inputs, const std::string& a_kind,
+                       const std::function<bool(std::span<const std::byte>)>& ours) {
+  judge_output_file(option, file, inputs, a_kind, ours);
   try_to_write(file);
 }
 

@@ -53,8 +53,10 @@ class OutputFolder {
   void keep(const std::string& name, Draft* draft);
   // It was to be written and could not be: an earlier run's stays.
   void give_up(const std::string& name) { tried_.push_back(name); }
-  // Once all is written: removes what an earlier run made and this one did not even try. Throws InputError.
-  void finish();
+  // Once all is written: removes what an earlier run made and this one did not even try, of the names given and, where
+  // names vary from run to run, of those in the folder `below` ("images/"). Other commands may have results in the same
+  // folder: those stay. Throws InputError.
+  void finish(const std::string& below = "");
 
   std::filesystem::path path(const std::string& name) const { return folder_ / name; }
   const std::vector<std::string>& written() const { return written_; }
@@ -75,8 +77,12 @@ class OutputFolder {
   std::vector<std::string> names_, tried_, written_;
 };
 
-// A single output, before anything is done. Throws InputError when it is an input, cannot be written, or is there
-// without being `a_kind` ("a map") by the judgement of ours. Changes nothing.
+// A single output. Throws InputError when it is an input, or is there without being `a_kind` ("a map") by the judgement
+// of ours.
+void judge_output_file(const std::string& option, const std::filesystem::path& file, const Inputs& inputs,
+                       const std::string& a_kind, const std::function<bool(std::span<const std::byte>)>& ours);
+
+// The same before anything is done: also when it cannot be written. Changes nothing.
 void check_output_file(const std::string& option, const std::filesystem::path& file, const Inputs& inputs,
                        const std::string& a_kind, const std::function<bool(std::span<const std::byte>)>& ours);
 

@@ -130,7 +130,7 @@ double angle_between(const Isometry3d& a, const Isometry3d& b) {
   return Eigen::AngleAxisd(a.linear().transpose() * b.linear()).angle();
 }
 
-double comfortable_time(const View& from, const View& step, double speed) {
+double comfortable_time(const View& from, const View& step, double speed, double haste) {
   constexpr int kParts = 24;
   double fastest_turn = 0;  // per unit of the blend's argument
   Isometry3d last = from.pose();
@@ -139,7 +139,8 @@ double comfortable_time(const View& from, const View& step, double speed) {
     fastest_turn = std::max(fastest_turn, kParts * angle_between(last, next));
     last = next;
   }
-  return std::max({0.8, 15.0 / 8 * step.position.norm() / speed, fastest_turn / kMaxTurn});
+  const double least_s = 0.8 / (1 + haste);
+  return std::max({least_s, 15.0 / 8 * step.position.norm() / speed, fastest_turn / (kMaxTurn * (1 + haste))});
 }
 
 void Walk::move_to(const View& next, double length_s) {
@@ -161,26 +162,43 @@ void Walk::start_sideways() {
   t_s += move.length_s + random.uniform(0.0, 0.4);
 }
 
+View Walk::somewhere_else(double progress, bool turn_only) const {
+  // In haste to and fro along walls, and farther over tables.
+  if (haste > 0) progress = 1 - std::abs(1 - std::fmod((1 + haste) * progress, 2.0));
+  View next = another_view(stage, progress, random);
+  if (turn_only) {
+    next.position = view.position;
+  } else if (stage.kind == Stage::Kind::kTable) {
+    const Vector3d farther = 0.3 * haste * next.target;
+    next.position += farther;
+    next.target += farther;
+  }
+  return next;
+}
+
 void Walk::explore(double until_s, double story_s, bool turn_only) {
+  // A step of 13 to 32 cm, turning at most 38 degrees (turning alone: 8 to 30 degrees); in haste it is longer and leads
+  // to another part of the scene.
+  const double shortest = 0.13 + 0.08 * haste, longest = 0.32 + 0.12 * haste, elsewhere = 0.12 * haste;
   while (t_s < until_s) {
     const double progress = t_s / story_s;
     View best = view;
     double best_fault = 1e9;
     for (int attempt = 0; attempt < 300 && best_fault > 0; ++attempt) {
-      View next = another_view(stage, progress, random);
-      if (turn_only) next.position = view.position;
+      const View next = somewhere_else(progress, turn_only);
       const double length = (next.position - view.position).norm();
       const double turn = angle_between(view.pose(), next.pose());
-      // A step of 13 to 32 cm, turning at most 38 degrees (turning alone: 8 to 30 degrees).
       const double fault = turn_only ? std::max({0.0, 8 * kDegree - turn, turn - 30 * kDegree})
-                                     : std::max({0.0, 0.13 - length, length - 0.32, 0.5 * (turn - 38 * kDegree)});
+                                     : std::max({0.0, shortest - length, length - longest, 0.5 * (turn - 38 * kDegree),
+                                                 elsewhere - (next.target - view.target).norm()});
       if (fault < best_fault) {
         best_fault = fault;
         best = next;
       }
     }
     Move move{t_s, 1, best - view};
-    move.length_s = comfortable_time(view, move.step, random.uniform(0.6, 1.0) * kMaxSpeed);
+    const double speed = random.uniform(0.6, 1.0) * kMaxSpeed * (1 + haste);
+    move.length_s = comfortable_time(view, move.step, speed, haste);
     hand.add(move);
     view = best;
     // Sometimes a pause, otherwise the next move begins as this one ends.

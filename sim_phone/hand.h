@@ -97,7 +97,8 @@ View wall_view(const Stage& stage, double place, double height, double distance,
 
 double angle_between(const Eigen::Isometry3d& a, const Eigen::Isometry3d& b);
 // The time that a calm hand takes for this step.
-double comfortable_time(const View& from, const View& step, double speed);
+// haste: 0, or how much faster still it turns.
+double comfortable_time(const View& from, const View& step, double speed, double haste = 0);
 
 // A hand on its way: view is where the last move leads, t_s when the next may begin.
 struct Walk {
@@ -106,6 +107,7 @@ struct Walk {
   Hand& hand;
   View view;
   double t_s = kHold_s;
+  double haste = 0;  // Harshness::haste, of explore()
 
   void move_to(const View& next, double length_s);
   // The sideways start of 11 to 19 cm: the look-at point follows half-way, so that the first view stays in sight.
@@ -113,6 +115,7 @@ struct Walk {
   // Calm moves until until_s or a little longer. story_s: over which the walls are walked along. turn_only: on the
   // spot.
   void explore(double until_s, double story_s, bool turn_only = false);
+  View somewhere_else(double progress, bool turn_only) const;
 };
 
 }  // namespace pptam::sim

@@ -17,12 +17,13 @@ using Eigen::Matrix3d;
 
 constexpr double kShaky = 4;  // the "shaky" motion's tremor, times a calm hand's: cold, tired or walking
 
-Hand calm_story(const Stage& stage, uint64_t seed, double duration_s, double tremor, bool turn_only) {
+Hand calm_story(const Stage& stage, uint64_t seed, double duration_s, double tremor, bool turn_only, double haste) {
   Random random(seed, turn_only ? 22 : 21);
   const View view = first_view(stage, random);
   Hand hand(view, seed, tremor);
   if (turn_only) hand.hold_position();
   Walk walk{stage, random, hand, view};
+  walk.haste = haste;
   if (!turn_only) walk.start_sideways();
   walk.explore(duration_s, std::max(duration_s, 12.0), turn_only);
   return hand;
@@ -277,7 +278,7 @@ std::vector<std::string> motion_names() {
   return {"calm", "shaky", "still", "pure_rotation", "lap"};
 }
 
-MotionCurve make_motion(const std::string& name, const Stage& stage, uint64_t seed, double duration_s) {
+MotionCurve make_motion(const std::string& name, const Stage& stage, uint64_t seed, double duration_s, double haste) {
   if (name == "still") {
     Random random(seed, 21);
     Isometry3d T = first_view(stage, random).pose();
@@ -285,7 +286,7 @@ MotionCurve make_motion(const std::string& name, const Stage& stage, uint64_t se
   }
   if (name == "lap") return lap(stage, seed, duration_s);
   const auto hand = std::make_shared<const Hand>(
-      calm_story(stage, seed, duration_s, name == "shaky" ? kShaky : 1.0, name == "pure_rotation"));
+      calm_story(stage, seed, duration_s, name == "shaky" ? kShaky : 1.0, name == "pure_rotation", haste));
   return [hand](double t_s) { return hand->at(t_s); };
 }
 

@@ -21,8 +21,9 @@ using MotionCurve = std::function<Eigen::Isometry3d(double t_s)>;
 // tripod. "pure_rotation": turns about a fixed point. "lap": as "calm", but ends as it begins, at the first view.
 std::vector<std::string> motion_names();
 
-// name is one of motion_names().
-MotionCurve make_motion(const std::string& name, const Stage& stage, uint64_t seed, double duration_s);
+// name is one of motion_names(); haste: Harshness::haste, of "calm", "shaky" and "pure_rotation".
+MotionCurve make_motion(const std::string& name, const Stage& stage, uint64_t seed, double duration_s,
+                        double haste = 0);
 
 // How a user begins: holds still, moves sideways, goes on looking at the same place from near by. The view and the
 // moves are chosen by the seed alone, in the first camera's frame, so that any slant and roll can occur.

@@ -248,6 +248,23 @@ void small_thing(Canvas& canvas, const Place& place, Random& random) {
   }
 }
 
+void skin(Canvas& canvas, Random& random) {
+  const double width_m = canvas.width_m(), height_m = canvas.height_m();
+  const double tone = random.uniform(0.25, 0.5);
+  const uint32_t seed = static_cast<uint32_t>(random.bits());
+  ValueNoise coarse(seed), fine(seed + 1);
+  canvas.paint(Place(0, 0, 0), 0, 0, width_m, height_m, 0, [&](double x, double y) {
+    const float n = 0.7f * coarse(static_cast<float>(60 * x), static_cast<float>(60 * y)) +
+                    0.3f * fine(static_cast<float>(400 * x), static_cast<float>(400 * y));
+    const double edge = std::min({x, width_m - x, y, height_m - y});  // rounder at its sides: darker
+    return Ink{tone * (0.85 + 0.3 * static_cast<double>(n)) * (0.6 + 0.4 * std::clamp(edge / 0.006, 0.0, 1.0)), 1};
+  });
+  for (int i = 0; i < 4; ++i) {  // creases
+    const double y = height_m * random.uniform(0.1, 0.9);
+    canvas.line(Place(0, y, random.uniform(-0.4, 0.4)), 0.1 * width_m, 0, 0.8 * width_m, 0, 0.0012, 0.5 * tone, 0.7);
+  }
+}
+
 void wood(Canvas& canvas, Random& random) {
   const double base = random.uniform(0.22, 0.4);
   const double board = random.uniform(0.09, 0.15);

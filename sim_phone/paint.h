@@ -188,6 +188,8 @@ void page(Canvas& canvas, const Place& centre, double w, double h, Random& rando
 void cover(Canvas& canvas, const Place& centre, double w, double h, Random& random);
 // Pens, coins, notes, cards, rulers and other small flat things, centred on the place.
 void small_thing(Canvas& canvas, const Place& place, Random& random);
+// Skin with creases over the whole canvas, darker at the sides.
+void skin(Canvas& canvas, Random& random);
 // Boards with grain, seams and knots over the whole canvas, grain along x.
 void wood(Canvas& canvas, Random& random);
 // Light that falls a little unevenly on a canvas.

@@ -19,6 +19,10 @@ namespace {
 using platform::InputError;
 using platform::joined;
 
+std::string limit_text(double value) {
+  return platform::format("%g", value);
+}
+
 void require(bool good, const std::string& message) {
   if (!good) throw InputError("emulated phone: " + message);
 }
@@ -32,6 +36,8 @@ SensorOptions sensor_for(const PhoneOptions& options, const platform::CameraInfo
   sensor.seed = options.seed;
   sensor.light = story.light;
   sensor.occluder = story.occluder;
+  sensor.movers = story.movers;
+  sensor.harsh = options.harsh;
   return sensor;
 }
 
@@ -39,9 +45,7 @@ class PhoneCamera : public platform::Camera {
  public:
   PhoneCamera(const PhoneOptions& options, std::shared_ptr<const Scene> scene)
       : options_(options),
-        scene_(scene ? std::move(scene)
-                     : std::make_shared<const Scene>(
-                           make_scene(options.scene, options.scene_seed.value_or(options.seed)))),
+        scene_(scene ? std::move(scene) : std::make_shared<const Scene>(make_scene(options))),
         story_(story_of(options, *scene_)),
         info_(make_info(options)),
         sensor_(*scene_, story_.curve, sensor_for(options, info_, story_)),
@@ -111,6 +115,10 @@ class PhoneCamera : public platform::Camera {
 
 }  // namespace
 
+Scene make_scene(const PhoneOptions& options) {
+  return make_scene(options.scene, options.scene_seed.value_or(options.seed), options.harsh);
+}
+
 // Written so that NaN fails.
 void check_phone_options(const PhoneOptions& o) {
   const auto known = [](const std::string& name, const std::vector<std::string>& names) {
@@ -134,6 +142,11 @@ void check_phone_options(const PhoneOptions& o) {
   require(std::abs(o.readout_s) <= 1 / o.frames_per_s, "readout_s must not be longer than a frame's period");
   require(o.exposure_s >= 0 && o.exposure_s <= 1 / o.frames_per_s, "exposure_s must be from 0 to a frame's period");
   require(o.drop_probability >= 0 && o.drop_probability < 1, "drop_probability must be from 0 to under 1");
+  for (const Cause& cause : causes()) {
+    const double value = o.harsh.*cause.value;
+    require(value >= 0 && value <= cause.greatest,
+            std::string(cause.name) + " must be from 0 to " + limit_text(cause.greatest));
+  }
 }
 
 std::unique_ptr<platform::Camera> make_phone_camera(const PhoneOptions& options, std::shared_ptr<const Scene> scene) {

@@ -9,6 +9,8 @@
 
 namespace pptam::sim {
 
+// The scene that the options ask for.
+Scene make_scene(const PhoneOptions& options);
 // Throws platform::InputError on options that make no sense, naming the option.
 void check_phone_options(const PhoneOptions& options);
 // Checks likewise. scene: the one that the options ask for, when it has been painted before.

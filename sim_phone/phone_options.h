@@ -6,6 +6,7 @@
 #include <string>
 
 #include <pocket_ptam/pocket_ptam.h>
+#include "sim_phone/harshness.h"
 
 namespace pptam::sim {
 
@@ -25,6 +26,7 @@ struct PhoneOptions {
   double exposure_s = 0.030;
   bool noise = true;            // shot and read noise, vignetting, auto-exposure, gamma
   double drop_probability = 0;  // of each frame
+  Harshness harsh;
 };
 
 }  // namespace pptam::sim

@@ -62,11 +62,54 @@ struct Footprint {
   double radius() const { return std::hypot(half_w, half_h); }
 };
 
+// Painted evenly, but for a little unevenness.
+void plain_paint(Canvas& canvas, Random& random) {
+  const double base = random.uniform(0.3, 0.5);
+  ValueNoise uneven(static_cast<uint32_t>(random.bits()));
+  canvas.paint(Place(0, 0, 0), 0, 0, canvas.width_m(), canvas.height_m(), 0, [&](double x, double y) {
+    const float n = uneven(static_cast<float>(6 * x), static_cast<float>(6 * y));
+    return Ink{base * (0.97 + 0.06 * static_cast<double>(n)), 1};
+  });
+}
+
+// Five shapes in the middle of the square of size pitch at (x, y); seed says which.
+void motif(Canvas& canvas, double x, double y, double pitch, double ink, double alpha, uint64_t seed) {
+  Random same(seed, 0);
+  for (int i = 0; i < 5; ++i) {
+    const double size = pitch * same.uniform(0.06, 0.16);
+    const double at_x = pitch * same.uniform(0.25, 0.75);
+    const double at_y = pitch * same.uniform(0.25, 0.75);
+    const Place place(x + at_x, y + at_y, same.uniform(0, std::numbers::pi));
+    const double aspect = same.uniform(0.4, 1);
+    if (same.chance(0.5)) {
+      canvas.ellipse(place, size, aspect * size, ink, alpha);
+    } else {
+      canvas.rectangle(place, -size, -aspect * size, size, aspect * size, ink, alpha);
+    }
+  }
+}
+
+// A motif over and over, alike to the texel: a tablecloth, a wallpaper.
+void printed_pattern(Canvas& canvas, double contrast, Random& random) {
+  const double pitch = canvas.texel_m() * std::round(random.uniform(0.04, 0.07) / canvas.texel_m());
+  const double ink = random.chance(0.5) ? random.uniform(0.03, 0.1) : random.uniform(0.6, 0.8);
+  const uint64_t which = random.bits();
+  for (double y = 0; y < canvas.height_m(); y += pitch) {
+    for (double x = 0; x < canvas.width_m(); x += pitch) motif(canvas, x, y, pitch, ink, contrast, which);
+  }
+}
+
 // The table top with everything that lies flat on it, and the boxes' contact shadows.
-Surface make_table(const std::vector<Footprint>& boxes, double light, Random& random, double size_m = kTableSize_m,
-                   double texel_m = kTableTexel_m) {
+Surface make_table(const std::vector<Footprint>& boxes, double light, Random& random, const Harshness& harsh,
+                   double size_m = kTableSize_m, double texel_m = kTableTexel_m) {
   Canvas canvas(size_m, size_m, texel_m);
-  wood(canvas, random);
+  const double share = 1 - harsh.bare;  // of the things that are there
+  if (harsh.bare > 0) {
+    plain_paint(canvas, random);
+  } else {
+    wood(canvas, random);
+  }
+  if (harsh.repeats > 0) printed_pattern(canvas, harsh.repeats, random);
   const double grain = random.uniform(-0.5, 0.5);
 
   // Sheets on a jittered lattice, in random order, so that they overlap as they do on a desk.
@@ -87,7 +130,7 @@ Surface make_table(const std::vector<Footprint>& boxes, double light, Random& ra
     std::sort(spots.begin(), spots.end(), [](const Spot& a, const Spot& b) { return a.order < b.order; });
     return spots;
   };
-  for (const Spot& spot : lattice(0.2, 0.92)) {
+  for (const Spot& spot : lattice(0.2, 0.92 * share)) {
     const double turn = 0.5 * std::numbers::pi * random.integer(0, 3);
     const double skew = random.uniform(-25, 25) * kRadPerDegree;
     const Place place(spot.x, spot.y, grain + turn + skew);
@@ -101,7 +144,7 @@ Surface make_table(const std::vector<Footprint>& boxes, double light, Random& ra
       cover(canvas, place, w, 1.35 * w, random);
     }
   }
-  for (const Spot& spot : lattice(0.085, 0.42)) {
+  for (const Spot& spot : lattice(0.085, 0.42 * share)) {
     small_thing(canvas, Place(spot.x, spot.y, random.uniform(0, 2 * std::numbers::pi)), random);
   }
   for (const Footprint& b : boxes) {
@@ -210,16 +253,16 @@ std::vector<Footprint> place_clutter(Random& random) {
 }
 
 // A table top without anything round it.
-Scene make_plane(uint64_t seed) {
+Scene make_plane(uint64_t seed, const Harshness& harsh) {
   Random random(seed, 4);
   Scene scene;
   scene.stage.azimuth_rad = random.uniform(0, 2 * std::numbers::pi);
   const double light = random.uniform(0.6, 1.1);
-  scene.surfaces.push_back(make_table({}, light, random, kPlaneSize_m, kPlaneTexel_m));
+  scene.surfaces.push_back(make_table({}, light, random, harsh, kPlaneSize_m, kPlaneTexel_m));
   return scene;
 }
 
-Scene make_clutter(uint64_t seed) {
+Scene make_clutter(uint64_t seed, const Harshness& harsh) {
   Random random(seed, 5);
   Scene scene;
   scene.stage.azimuth_rad = random.uniform(0, 2 * std::numbers::pi);
@@ -227,13 +270,13 @@ Scene make_clutter(uint64_t seed) {
   scene.stage.cluttered = true;
   const double light = random.uniform(0.6, 1.1);
   const std::vector<Footprint> boxes = place_clutter(random);
-  scene.surfaces.push_back(make_table(boxes, light, random));
+  scene.surfaces.push_back(make_table(boxes, light, random, harsh));
   for (const Footprint& b : boxes) add_box(b, light, random, &scene.surfaces);
   scene.surfaces.push_back(make_floor(8, -0.74, 0.7 * light, random));
   return scene;
 }
 
-Scene make_desk(bool with_boxes, uint64_t seed) {
+Scene make_desk(bool with_boxes, uint64_t seed, const Harshness& harsh) {
   Random random(seed, 1);
   Scene scene;
   scene.stage.azimuth_rad = random.uniform(0, 2 * std::numbers::pi);
@@ -243,30 +286,21 @@ Scene make_desk(bool with_boxes, uint64_t seed) {
     boxes = place_boxes(scene.stage.azimuth_rad, random);
     scene.stage.min_height_m = 0.36;  // stays above the highest box
   }
-  scene.surfaces.push_back(make_table(boxes, light, random));
+  scene.surfaces.push_back(make_table(boxes, light, random, harsh));
   for (const Footprint& b : boxes) add_box(b, light, random, &scene.surfaces);
   scene.surfaces.push_back(make_floor(8, -0.74, 0.7 * light, random));
   return scene;
 }
 
-// A papered wall with posters, w x h metres, texture rows downwards.
-Canvas make_wall(double w, double h, Random& random) {
-  Canvas canvas(w, h, kWallTexel_m);
+// A wallpaper's ornament: a lattice of small marks, no two quite alike; bare: the share of them that is missing.
+void paper_ornament(Canvas& canvas, double base, double bare, Random& random) {
   const Place place(0, 0, 0);
-  const double base = random.uniform(0.3, 0.55);
-  const uint32_t seed = static_cast<uint32_t>(random.bits());
-  ValueNoise coarse(seed), fine(seed + 1), finest(seed + 2);
-  canvas.paint(place, 0, 0, w, h, 0, [&](double x, double y) {
-    const float n = coarse(static_cast<float>(9 * x), static_cast<float>(9 * y)) +
-                    fine(static_cast<float>(55 * x), static_cast<float>(55 * y)) +
-                    finest(static_cast<float>(190 * x), static_cast<float>(190 * y));
-    return Ink{base * (0.85 + 0.1 * static_cast<double>(n)), 1};
-  });
-  // The paper's ornament: a lattice of small marks, no two quite alike.
+  const double w = canvas.width_m(), h = canvas.height_m();
   const double pitch = random.uniform(0.07, 0.1);
   const double mark = base * random.uniform(0.25, 0.45);
   for (double y = 0.5 * pitch; y < h; y += pitch) {
     for (double x = 0.5 * pitch; x < w; x += pitch) {
+      if (bare > 0 && random.chance(bare)) continue;
       const double dx = pitch * random.uniform(-0.3, 0.3);
       const double dy = pitch * random.uniform(-0.3, 0.3);
       const double radius = pitch * random.uniform(0.12, 0.34);
@@ -278,6 +312,26 @@ Canvas make_wall(double w, double h, Random& random) {
       }
     }
   }
+}
+
+// A papered wall with posters, w x h metres, texture rows downwards.
+Canvas make_wall(double w, double h, Random& random, const Harshness& harsh) {
+  Canvas canvas(w, h, kWallTexel_m);
+  const Place place(0, 0, 0);
+  const double base = random.uniform(0.3, 0.55);
+  const uint32_t seed = static_cast<uint32_t>(random.bits());
+  ValueNoise coarse(seed), fine(seed + 1), finest(seed + 2);
+  canvas.paint(place, 0, 0, w, h, 0, [&](double x, double y) {
+    const float n = coarse(static_cast<float>(9 * x), static_cast<float>(9 * y)) +
+                    fine(static_cast<float>(55 * x), static_cast<float>(55 * y)) +
+                    finest(static_cast<float>(190 * x), static_cast<float>(190 * y));
+    return Ink{base * (0.85 + 0.1 * (1 - harsh.bare) * static_cast<double>(n)), 1};
+  });
+  if (harsh.repeats > 0) {
+    printed_pattern(canvas, harsh.repeats, random);
+  } else {
+    paper_ornament(canvas, base, harsh.bare, random);
+  }
   // Posters and sheets where the camera looks, columns from 0.15 m, heights 0.8 to 1.9 m above the floor.
   for (double x = 0.2; x < w - 0.2; x += random.uniform(0.27, 0.36)) {
     double y = h - random.uniform(1.7, 1.9);
@@ -286,7 +340,8 @@ Canvas make_wall(double w, double h, Random& random) {
       const double height = width * random.uniform(0.9, 1.45);
       const double tilt = random.uniform(-4, 4) * kRadPerDegree;
       const Place centre(x + random.uniform(-0.03, 0.03), y + 0.5 * height, tilt);
-      const int kind = random.integer(0, 7);
+      const bool missing = harsh.bare > 0 && random.chance(harsh.bare);
+      const int kind = missing ? 7 : random.integer(0, 7);
       if (kind < 4) {
         cover(canvas, centre, width, height, random);
       } else if (kind < 7) {
@@ -303,7 +358,7 @@ Canvas make_wall(double w, double h, Random& random) {
 }
 
 // The walls y = 0 (seen from y > 0) and x = 0 (from x > 0), and the floor z = 0.
-Scene make_walls(uint64_t seed) {
+Scene make_walls(uint64_t seed, const Harshness& harsh) {
   Random random(seed, 2);
   Scene scene;
   scene.stage.kind = Stage::Kind::kCorner;
@@ -312,8 +367,8 @@ Scene make_walls(uint64_t seed) {
   const double light = random.uniform(0.6, 1.1);
   constexpr double kLength_m = 3;
   constexpr double kHeight_m = 2.4;
-  Canvas first = make_wall(kLength_m, kHeight_m, random);
-  Canvas second = make_wall(kLength_m, kHeight_m, random);
+  Canvas first = make_wall(kLength_m, kHeight_m, random, harsh);
+  Canvas second = make_wall(kLength_m, kHeight_m, random, harsh);
   const Vector3d down = -Vector3d::UnitZ();
   scene.surfaces.push_back(surface_of(first, {kLength_m, 0, kHeight_m}, -Vector3d::UnitX(), down, light));
   scene.surfaces.push_back(
@@ -342,12 +397,7 @@ Scene make_sparse(uint64_t seed) {
   scene.stage.azimuth_rad = random.uniform(0, 2 * std::numbers::pi);
   const double light = random.uniform(0.7, 1.1);
   Canvas canvas(kTableSize_m, kTableSize_m, kTableTexel_m);
-  const double base = random.uniform(0.3, 0.5);
-  ValueNoise uneven(static_cast<uint32_t>(random.bits()));
-  canvas.paint(Place(0, 0, 0), 0, 0, kTableSize_m, kTableSize_m, 0, [&](double x, double y) {
-    const float n = uneven(static_cast<float>(6 * x), static_cast<float>(6 * y));
-    return Ink{base * (0.97 + 0.06 * static_cast<double>(n)), 1};
-  });
+  plain_paint(canvas, random);
   page(canvas, Place(0.5 * kTableSize_m, 0.5 * kTableSize_m, random.uniform(0, 2 * std::numbers::pi)), 0.148, 0.21,
        random);
   scatter_things(canvas, random.uniform(0.12, 0.14), 0.8, random);
@@ -358,8 +408,32 @@ Scene make_sparse(uint64_t seed) {
   return scene;
 }
 
-// A table of tiles that are alike to the texel, with a few unique things on it.
-Scene make_tiles(uint64_t seed) {
+// A plain table with two postcards in the middle: nothing else in any view.
+Scene make_postcards(uint64_t seed) {
+  constexpr double kWidth_m = 0.148, kHeight_m = 0.105;
+  Random random(seed, 8);
+  Scene scene;
+  scene.stage.azimuth_rad = random.uniform(0, 2 * std::numbers::pi);
+  const double light = random.uniform(0.7, 1.1);
+  Canvas canvas(kTableSize_m, kTableSize_m, kTableTexel_m);
+  plain_paint(canvas, random);
+  const double half = 0.5 * kTableSize_m;
+  const double to = random.uniform(0, 2 * std::numbers::pi), apart = random.uniform(0.09, 0.11);
+  for (const double way : {-1.0, 1.0}) {
+    const double x = half + way * apart * std::cos(to), y = half + way * apart * std::sin(to);
+    const Place card = Place(x, y, random.uniform(0, 2 * std::numbers::pi)).inner(-0.5 * kWidth_m, -0.5 * kHeight_m, 0);
+    canvas.rectangle(card, 0.001, 0.001, kWidth_m + 0.002, kHeight_m + 0.002, 0.05, 0.5, 0.004);  // its shadow
+    canvas.rectangle(card, 0, 0, kWidth_m, kHeight_m, 0.8);
+    picture(canvas, card.inner(0.005, 0.005, 0), kWidth_m - 0.01, kHeight_m - 0.01, random);
+  }
+  uneven_light(canvas, random);
+  scene.surfaces.push_back(surface_of(canvas, {-half, half, 0}, Vector3d::UnitX(), -Vector3d::UnitY(), light));
+  scene.surfaces.push_back(make_floor(8, -0.74, 0.7 * light, random));
+  return scene;
+}
+
+// A table of tiles that are alike to the texel, with a few unique things on it or without any.
+Scene make_tiles(uint64_t seed, bool unique_things) {
   Random random(seed, 7);
   Scene scene;
   scene.stage.azimuth_rad = random.uniform(0, 2 * std::numbers::pi);
@@ -370,26 +444,14 @@ Scene make_tiles(uint64_t seed) {
   const double ink = tile * random.uniform(0.2, 0.45);
   const double joint = 0.003;
   canvas.rectangle(Place(0, 0, 0), -1, -1, kTableSize_m + 1, kTableSize_m + 1, random.uniform(0.1, 0.2));
-  const uint64_t motif = random.bits();
+  const uint64_t which = random.bits();
   for (double y = 0; y < kTableSize_m; y += pitch) {
     for (double x = 0; x < kTableSize_m; x += pitch) {
-      Random same(motif, 0);
       canvas.rectangle(Place(x, y, 0), 0.5 * joint, 0.5 * joint, pitch - 0.5 * joint, pitch - 0.5 * joint, tile);
-      for (int i = 0; i < 5; ++i) {
-        const double size = pitch * same.uniform(0.06, 0.16);
-        const double at_x = pitch * same.uniform(0.25, 0.75);
-        const double at_y = pitch * same.uniform(0.25, 0.75);
-        const Place place(x + at_x, y + at_y, same.uniform(0, std::numbers::pi));
-        const double aspect = same.uniform(0.4, 1);
-        if (same.chance(0.5)) {
-          canvas.ellipse(place, size, aspect * size, ink);
-        } else {
-          canvas.rectangle(place, -size, -aspect * size, size, aspect * size, ink);
-        }
-      }
+      motif(canvas, x, y, pitch, ink, 1, which);
     }
   }
-  scatter_things(canvas, random.uniform(0.2, 0.24), 0.6, random);
+  if (unique_things) scatter_things(canvas, random.uniform(0.2, 0.24), 0.6, random);
   uneven_light(canvas, random);
   const double half = 0.5 * kTableSize_m;
   scene.surfaces.push_back(surface_of(canvas, {-half, half, 0}, Vector3d::UnitX(), -Vector3d::UnitY(), light));
@@ -426,7 +488,7 @@ Scene make_checkerboard(uint64_t seed) {
 Scene make_board(uint64_t seed) {
   constexpr int kColumns = 13, kRows = 12;
   constexpr double kMargin_m = 0.02, kThick_m = 0.001;
-  Scene scene = make_desk(false, seed);
+  Scene scene = make_desk(false, seed, {});
   scene.surfaces.push_back(
       checkered(kColumns, kRows, kMargin_m, kThick_m, static_cast<double>(scene.surfaces.front().light)));
   return scene;
@@ -436,11 +498,12 @@ Scene make_board(uint64_t seed) {
 
 bool ground_plane_known(const std::string& scene) {
   return scene == "desk" || scene == "boxes" || scene == "plane" || scene == "sparse" || scene == "tiles" ||
-         scene == "board";
+         scene == "board" || scene == "postcards" || scene == "same_tiles";
 }
 
 std::vector<std::string> scene_names() {
-  return {"desk", "boxes", "walls", "checkerboard", "plane", "clutter", "sparse", "tiles", "board"};
+  return {"desk",   "boxes", "walls", "checkerboard", "plane",     "clutter",
+          "sparse", "tiles", "board", "postcards",    "same_tiles"};
 }
 
 double first_hit(const Scene& scene, const Vector3d& origin, const Vector3d& direction) {
@@ -458,16 +521,18 @@ double first_hit(const Scene& scene, const Vector3d& origin, const Vector3d& dir
   return nearest;
 }
 
-Scene make_scene(const std::string& name, uint64_t seed) {
-  if (name == "boxes") return make_desk(true, seed);
-  if (name == "walls") return make_walls(seed);
+Scene make_scene(const std::string& name, uint64_t seed, const Harshness& harsh) {
+  if (name == "boxes") return make_desk(true, seed, harsh);
+  if (name == "walls") return make_walls(seed, harsh);
   if (name == "checkerboard") return make_checkerboard(seed);
-  if (name == "plane") return make_plane(seed);
-  if (name == "clutter") return make_clutter(seed);
+  if (name == "plane") return make_plane(seed, harsh);
+  if (name == "clutter") return make_clutter(seed, harsh);
   if (name == "sparse") return make_sparse(seed);
-  if (name == "tiles") return make_tiles(seed);
+  if (name == "tiles") return make_tiles(seed, true);
+  if (name == "same_tiles") return make_tiles(seed, false);
+  if (name == "postcards") return make_postcards(seed);
   if (name == "board") return make_board(seed);
-  return make_desk(false, seed);
+  return make_desk(false, seed, harsh);
 }
 
 }  // namespace pptam::sim

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "sim_phone/harshness.h"
 #include "sim_phone/surface.h"
 
 namespace pptam::sim {
@@ -37,12 +38,14 @@ constexpr double kCheckerSquare_m = 0.03;
 double first_hit(const Scene& scene, const Vector3d& origin, const Vector3d& direction);
 
 // "desk", "boxes", "walls", "checkerboard" (alone, all its squares alike), "plane", "clutter", "sparse", "tiles",
-// "board" (a checkerboard on the desk).
+// "board" (a checkerboard on the desk), "postcards" (two of them on a bare table), "same_tiles" ("tiles" without
+// anything that tells one from another).
 std::vector<std::string> scene_names();
 // Is z = 0 the dominant plane of this scene?
 bool ground_plane_known(const std::string& scene);
 
-// name is one of scene_names(). Different seeds give other objects in other places under other light.
-Scene make_scene(const std::string& name, uint64_t seed);
+// name is one of scene_names(). Different seeds give other objects in other places under other light. Of harsh, bare
+// and repeats count, in scenes with a table full of pages or with walls.
+Scene make_scene(const std::string& name, uint64_t seed, const Harshness& harsh = {});
 
 }  // namespace pptam::sim

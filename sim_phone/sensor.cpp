@@ -6,6 +6,7 @@
 #include <cmath>
 #include <utility>
 
+#include "sim_phone/compression.h"
 #include "sim_phone/random.h"
 
 namespace pptam::sim {
@@ -73,8 +74,9 @@ std::array<SamplePoint, kMaxSamples> sample_points(int count) {
 // linear in s.
 struct Sensor::Candidate {
   const Surface* surface = nullptr;
-  bool held = false;  // of the occluder: in the camera's frame
-  int first = 0;      // part of the line that it can cover
+  bool held = false;             // of the occluder: in the camera's frame
+  const Mover* mover = nullptr;  // in its frame; null: in the world's
+  int first = 0;                 // part of the line that it can cover
   int last = 0;
   float width = 0;  // texels
   float height = 0;
@@ -94,7 +96,12 @@ struct Sensor::Line {
   size_t candidates = 0;           // the first so many of candidates_
   double blur_px = 0;              // the largest on the line
   int samples = 0;                 // of a pixel
+  double spread_px = 1;            // of the samples: a pixel, and the blur of the focus
   std::array<SamplePoint, kMaxSamples> points;
+  struct Ray {
+    Eigen::Vector3f start, step;  // world: at place s of the line, start + s * step
+  };
+  std::array<Ray, kMaxSamples> rays;  // of each sample; with gloss alone
 };
 
 Sensor::Sensor(const Scene& scene, MotionCurve motion, const SensorOptions& options)
@@ -108,7 +115,11 @@ Sensor::Sensor(const Scene& scene, MotionCurve motion, const SensorOptions& opti
   const size_t pixels = static_cast<size_t>(m.width) * static_cast<size_t>(m.height);
   linear_.resize(pixels);
   vignetting_.resize(pixels);
-  candidates_.resize(scene_.surfaces.size() + (options_.occluder ? options_.occluder->surfaces.size() : 0));
+  size_t surfaces = scene_.surfaces.size() + (options_.occluder ? options_.occluder->surfaces.size() : 0);
+  for (const auto& mover : options_.movers) surfaces += mover->surfaces.size();
+  candidates_.resize(surfaces);
+  focus_ = focus_curve(options_.harsh.breathing, options_.seed);
+  if (options_.harsh.gloss > 0) gloss_ = std::make_unique<Gloss>(options_.harsh.gloss, options_.seed);
   for (int y = 0; y < m.height; ++y) {
     for (int x = 0; x < m.width; ++x) {
       const float a = (static_cast<float>(x) - m.cx) / m.fx;
@@ -130,6 +141,8 @@ void Sensor::expose(double t_s, uint64_t frame_index, uint8_t* out) {
       out[i] = static_cast<uint8_t>(std::clamp(255.0f * linear_[i] + 0.5f, 0.0f, 255.0f));
     }
   }
+  if (options_.harsh.compression > 0)
+    compress(out, options_.model.width, options_.model.height, options_.harsh.compression);
 }
 
 Isometry3d Sensor::pose(double t_s) const {
@@ -162,12 +175,13 @@ void Sensor::render_line(int index, double t_s) {
   Line line = line_at(index, t_s);
   find_surfaces(&line);
   if (options_.occluder) find_held(&line);
+  find_moving(&line);
   choose_samples(&line);
-  aim(line);
+  aim(&line);
   trace(line, mean_light(line));
 }
 
-Sensor::Line Sensor::line_at(int index, double t_s) const {
+Sensor::Line Sensor::line_at(int index, double t_s) {
   const CameraModel& m = options_.model;
   Line line;
   line.index = index;
@@ -176,12 +190,19 @@ Sensor::Line Sensor::line_at(int index, double t_s) const {
   line.middle = pose(line.t_s).inverse();
   line.late = pose(line.t_s + 0.5 * options_.exposure_s).inverse();
   line.K_inv << 1.0 / m.fx, 0, -m.cx / m.fx, 0, 1.0 / m.fy, -m.cy / m.fy, 0, 0, 1;
+  if (focus_) {
+    const Focus focus = focus_(line.t_s);
+    constexpr double kUsualWidth = 240;  // of Focus::blur_px
+    image_scale_ = focus.scale;
+    line.K_inv.topRows<2>() /= image_scale_;
+    line.spread_px = 1 + 2 * focus.blur_px * m.width / kUsualWidth;
+  }
   return line;
 }
 
 Vector2d Sensor::projected(const Vector3d& p_c) const {
   const CameraModel& m = options_.model;
-  return Vector2d(m.fx * p_c.x() / p_c.z() + m.cx, m.fy * p_c.y() / p_c.z() + m.cy);
+  return Vector2d(image_scale_ * m.fx * p_c.x() / p_c.z() + m.cx, image_scale_ * m.fy * p_c.y() / p_c.z() + m.cy);
 }
 
 // Which surfaces can be seen, and in which part of the line.
@@ -210,7 +231,7 @@ void Sensor::find_surfaces(Line* line) {
       low.setConstant(-1e9);
       high.setConstant(1e9);
     }
-    add_candidate(s, false, low, high, line);
+    add_candidate(s, low, high, line);
   }
 }
 
@@ -232,27 +253,72 @@ void Sensor::find_held(Line* line) {
         if (corner == 0 && time != 0) corner_px[time > 0 ? 1 : 0] = px;
       }
     }
-    if (near || !add_candidate(s, true, low, high, line)) continue;
+    if (near) continue;
+    Candidate* const candidate = add_candidate(s, low, high, line);
+    if (candidate == nullptr) continue;
+    candidate->held = true;
     line->blur_px = std::max(line->blur_px, (corner_px[0] - corner_px[1]).norm());
   }
 }
 
-// low and high: the box in the image that the surface stays in. False when the line does not meet it.
-bool Sensor::add_candidate(const Surface& surface, bool held, const Vector2d& low, const Vector2d& high, Line* line) {
+// Likewise what moves in the scene.
+void Sensor::find_moving(Line* line) {
+  const double half_s = 0.5 * options_.exposure_s;
+  const double times[] = {line->t_s - half_s, line->t_s, line->t_s + half_s};
+  const Isometry3d* const cameras[] = {&line->early, &line->middle, &line->late};
+  for (const auto& mover : options_.movers) {
+    Isometry3d T_cm[3];
+    for (int i = 0; i < 3; ++i) T_cm[i] = *cameras[i] * mover->T_wm(times[i]);
+    const Vector3d camera_m = T_cm[1].inverse().translation();
+    for (const Surface& s : mover->surfaces) {
+      if (s.v_axis.cross(s.u_axis).dot(camera_m - s.origin) <= 0) continue;
+      Vector2d low(1e9, 1e9), high(-1e9, -1e9);
+      bool near = false;
+      Vector2d corner_px[3];
+      for (int corner = 0; corner < 4; ++corner) {
+        const Vector3d p =
+            s.origin + (corner & 1 ? s.width_m : 0.0) * s.u_axis + (corner & 2 ? s.height_m : 0.0) * s.v_axis;
+        for (int i = 0; i < 3; ++i) {
+          const Vector3d p_c = T_cm[i] * p;
+          if (p_c.z() < kNear_m) {
+            near = true;
+            continue;
+          }
+          const Vector2d px = projected(p_c);
+          low = low.cwiseMin(px);
+          high = high.cwiseMax(px);
+          if (corner == 0) corner_px[i] = px;
+        }
+      }
+      if (near) {
+        low.setConstant(-1e9);
+        high.setConstant(1e9);
+      }
+      Candidate* const candidate = add_candidate(s, low, high, line);
+      if (candidate == nullptr) continue;
+      candidate->mover = mover.get();
+      if (!near) line->blur_px = std::max(line->blur_px, (corner_px[0] - corner_px[2]).norm());
+    }
+  }
+}
+
+Sensor::Candidate* Sensor::add_candidate(const Surface& surface, const Vector2d& low, const Vector2d& high,
+                                         Line* line) {
   constexpr double kMargin = 2;  // half a pixel, and what the motion's curvature may add
   const int across = columns_ ? 0 : 1;
   const int along = 1 - across;
-  if (line->index < low[across] - kMargin || line->index > high[across] + kMargin) return false;
+  if (line->index < low[across] - kMargin || line->index > high[across] + kMargin) return nullptr;
   Candidate& c = candidates_[line->candidates];
   c.first = static_cast<int>(std::max(0.0, low[along] - kMargin));
   c.last = static_cast<int>(std::min(line_length_ - 1.0, high[along] + kMargin));
-  if (c.first > c.last) return false;
+  if (c.first > c.last) return nullptr;
   c.surface = &surface;
-  c.held = held;
+  c.held = false;
+  c.mover = nullptr;
   c.width = static_cast<float>(surface.width_m / surface.texel_m);
   c.height = static_cast<float>(surface.height_m / surface.texel_m);
   ++line->candidates;
-  return true;
+  return &c;
 }
 
 double Sensor::mean_light(const Line& line) const {
@@ -267,6 +333,7 @@ double Sensor::mean_light(const Line& line) const {
 
 // As many as the blur asks for: of what is held, and near the line's ends, for things at a short arm's length.
 void Sensor::choose_samples(Line* line) const {
+  constexpr double kSamplesOfSpread = 4;  // for a pixel of blur in either direction
   for (const double along : {0.1, 0.9}) {
     const double s = along * (line_length_ - 1);
     const Vector3d ray = line->K_inv * (columns_ ? Vector3d(line->index, s, 1) : Vector3d(s, line->index, 1));
@@ -276,26 +343,37 @@ void Sensor::choose_samples(Line* line) const {
     if (a.z() > kNear_m && b.z() > kNear_m)
       line->blur_px = std::max(line->blur_px, (projected(a) - projected(b)).norm());
   }
+  if (line->spread_px > 1) line->blur_px = std::max(line->blur_px, kSamplesOfSpread * line->spread_px);
   line->samples = kMinSamples;
   while (line->samples < line->blur_px && line->samples < kMaxSamples) line->samples *= 2;
   line->points = sample_points(line->samples);
 }
 
 // Each candidate's texels along the line, for each sample.
-void Sensor::aim(const Line& line) {
-  for (int k = 0; k < line.samples; ++k) {
-    const SamplePoint& point = line.points[static_cast<size_t>(k)];
-    const Isometry3d T_wc = pose(line.t_s + point.time * options_.exposure_s);
-    const Matrix3d world_rays = T_wc.linear() * line.K_inv;  // pixel to direction in the world, of depth 1
-    const Vector3d world_o = T_wc.translation();
-    const Vector3d held_o = options_.occluder
-                                ? Vector3d(-options_.occluder->position(line.t_s + point.time * options_.exposure_s))
-                                : Vector3d(0, 0, 0);
-    for (size_t i = 0; i < line.candidates; ++i) {
+void Sensor::aim(Line* line) {
+  for (int k = 0; k < line->samples; ++k) {
+    const SamplePoint& point = line->points[static_cast<size_t>(k)];
+    const double t_s = line->t_s + point.time * options_.exposure_s;
+    const Isometry3d T_wc = pose(t_s);
+    const Matrix3d world_rays = T_wc.linear() * line->K_inv;  // pixel to direction in the world, of depth 1
+    const double aside_x = point.x * line->spread_px, aside_y = point.y * line->spread_px;
+    const double x = columns_ ? line->index + aside_x : aside_x;
+    const double y = columns_ ? aside_y : line->index + aside_y;
+    if (gloss_) {
+      line->rays[static_cast<size_t>(k)] = {(world_rays * Vector3d(x, y, 1)).cast<float>(),
+                                            world_rays.col(columns_ ? 1 : 0).cast<float>()};
+    }
+    const Vector3d held_o = options_.occluder ? Vector3d(-options_.occluder->position(t_s)) : Vector3d(0, 0, 0);
+    for (size_t i = 0; i < line->candidates; ++i) {
       Candidate& c = candidates_[i];
       const Surface& s = *c.surface;
-      const Matrix3d& rays = c.held ? line.K_inv : world_rays;
-      const Vector3d& o = c.held ? held_o : world_o;
+      Matrix3d rays = c.held ? line->K_inv : world_rays;
+      Vector3d o = c.held ? held_o : T_wc.translation();
+      if (c.mover != nullptr) {
+        const Isometry3d T_mw = c.mover->T_wm(t_s).inverse();
+        rays = T_mw.linear() * rays;
+        o = T_mw * o;
+      }
       // The ray o + d / w meets the plane where w = n.d / n.(origin - o); there u w = U.(o - origin) w + U.d.
       const Vector3d normal = s.v_axis.cross(s.u_axis);
       const Vector3d from_origin = o - s.origin;
@@ -303,8 +381,6 @@ void Sensor::aim(const Line& line) {
       H.row(2) = (rays.transpose() * normal).transpose() / -normal.dot(from_origin);
       H.row(0) = (from_origin.dot(s.u_axis) * H.row(2) + s.u_axis.transpose() * rays) / s.texel_m;
       H.row(1) = (from_origin.dot(s.v_axis) * H.row(2) + s.v_axis.transpose() * rays) / s.texel_m;
-      const double x = columns_ ? line.index + point.x : point.x;
-      const double y = columns_ ? point.y : line.index + point.y;
       const Vector3d start = H * Vector3d(x, y, 1);
       const Vector3d step = H.col(columns_ ? 1 : 0);
       // The map from pixels to texels stretches areas by det H / w^3.
@@ -318,6 +394,14 @@ void Sensor::aim(const Line& line) {
                                            log2_area};
     }
   }
+}
+
+// (u, v): texels.
+float Sensor::varnished(const Line& line, int sample, float place, const Candidate& c, float u, float v,
+                        float diffuse) {
+  const Line::Ray& ray = line.rays[static_cast<size_t>(sample)];
+  const float texel_m = static_cast<float>(c.surface->texel_m);
+  return gloss_->seen(*c.surface, u * texel_m, v * texel_m, ray.start + place * ray.step, diffuse);
 }
 
 // The nearest candidate at each place, for each sample; their mean goes into linear_.
@@ -361,7 +445,10 @@ void Sensor::trace(const Line& line, double light) {
       const int top = static_cast<int>(texture.levels.size()) - 1;
       const int chosen = level <= 0 ? 0 : std::min(static_cast<int>(level), top);
       const float scale = 1 / nearest_w;
-      sum += texture.sample(nearest_u * scale, nearest_v * scale, chosen) * nearest->surface->light * (1.0f / 65535.0f);
+      const float diffuse =
+          texture.sample(nearest_u * scale, nearest_v * scale, chosen) * nearest->surface->light * (1.0f / 65535.0f);
+      const bool fixed = !nearest->held && nearest->mover == nullptr;
+      sum += gloss_ && fixed ? varnished(line, k, s, *nearest, nearest_u * scale, nearest_v * scale, diffuse) : diffuse;
     }
     out[place * out_step] = sum * mean;
   }

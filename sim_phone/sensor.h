@@ -10,6 +10,9 @@
 #include <vector>
 
 #include <pocket_ptam/pocket_ptam.h>
+#include "sim_phone/gloss.h"
+#include "sim_phone/harshness.h"
+#include "sim_phone/lamp_and_focus.h"
 #include "sim_phone/motion.h"
 #include "sim_phone/scene.h"
 
@@ -22,6 +25,12 @@ struct Occluder {
   std::function<Vector3d(double t_s)> position;
 };
 
+// Something that moves in the scene. Its surfaces lie in a frame of its own.
+struct Mover {
+  std::vector<Surface> surfaces;
+  std::function<Eigen::Isometry3d(double t_s)> T_wm;  // that frame to the world
+};
+
 struct SensorOptions {
   CameraModel model;  // without distortion
   RollingShutter shutter;
@@ -31,6 +40,8 @@ struct SensorOptions {
   // Factor on all light at a time: lamps, and what covers the lens. Null: 1. Averaged over each line's exposure.
   std::function<double(double t_s)> light = nullptr;
   std::shared_ptr<const Occluder> occluder = nullptr;  // may be null
+  std::vector<std::shared_ptr<const Mover>> movers;
+  Harshness harsh;  // what the sensor has to do with: gloss, breathing, compression
 };
 
 class Sensor {
@@ -52,14 +63,17 @@ class Sensor {
   void develop(double t_s, uint64_t frame_index, uint8_t* out);  // linear_ to grey
   void render_line(int index, double t_s);
   // Its steps, in this order.
-  Line line_at(int index, double t_s) const;
+  Line line_at(int index, double t_s);
   void find_surfaces(Line* line);
   void find_held(Line* line);
-  bool add_candidate(const Surface& surface, bool held, const Vector2d& low, const Vector2d& high, Line* line);
+  void find_moving(Line* line);
+  // low and high: the box in the image that the surface stays in. Null when the line does not meet it.
+  Candidate* add_candidate(const Surface& surface, const Vector2d& low, const Vector2d& high, Line* line);
   void choose_samples(Line* line) const;
-  void aim(const Line& line);
+  void aim(Line* line);
   double mean_light(const Line& line) const;
   void trace(const Line& line, double light);
+  float varnished(const Line& line, int sample, float place, const Candidate& c, float u, float v, float diffuse);
 
   Vector2d projected(const Vector3d& p_c) const;
   Eigen::Isometry3d pose(double t_s) const;  // from the table
@@ -80,7 +94,10 @@ class Sensor {
   std::vector<float> linear_;      // light at each pixel
   std::vector<float> vignetting_;  // factor at each pixel
   std::vector<Candidate> candidates_;
-  double gain_ = 0;  // 0: nothing metered yet
+  std::function<Focus(double t_s)> focus_;  // null: fixed
+  double image_scale_ = 1;                  // of the line at hand, by its focus
+  std::unique_ptr<Gloss> gloss_;            // null: nothing is glossy
+  double gain_ = 0;                         // 0: nothing metered yet
   double last_t_s_ = 0;
 };
 

@@ -5,7 +5,10 @@
 #include <map>
 #include <utility>
 
+#include "sim_phone/bystanders.h"
 #include "sim_phone/hand.h"
+#include "sim_phone/harsh_stories.h"
+#include "sim_phone/lamp_and_focus.h"
 #include "sim_phone/paint.h"
 #include "sim_phone/random.h"
 
@@ -15,6 +18,7 @@ namespace {
 using Eigen::Isometry3d;
 
 constexpr double kExposure_s = 0.030;
+constexpr bool kHarsh = true;
 
 // Random streams: one for each story, so that no two begin alike.
 constexpr uint64_t kFirstStream = 60;
@@ -359,23 +363,11 @@ Story slanted_start(const Stage& stage, Random& random, uint64_t seed) {
 
 // ---- a hand ----
 
-Surface skin(double width_m, double height_m, const Vector3d& origin, const Vector3d& u, const Vector3d& v,
-             Random& random) {
+Surface piece_of_hand(double width_m, double height_m, const Vector3d& origin, const Vector3d& u, const Vector3d& v,
+                      Random& random) {
   constexpr double kTexel_m = 0.0005;
   Canvas canvas(width_m, height_m, kTexel_m);
-  const double tone = random.uniform(0.25, 0.5);
-  const uint32_t seed = static_cast<uint32_t>(random.bits());
-  ValueNoise coarse(seed), fine(seed + 1);
-  canvas.paint(Place(0, 0, 0), 0, 0, width_m, height_m, 0, [&](double x, double y) {
-    const float n = 0.7f * coarse(static_cast<float>(60 * x), static_cast<float>(60 * y)) +
-                    0.3f * fine(static_cast<float>(400 * x), static_cast<float>(400 * y));
-    const double edge = std::min({x, width_m - x, y, height_m - y});  // rounder at its sides: darker
-    return Ink{tone * (0.85 + 0.3 * static_cast<double>(n)) * (0.6 + 0.4 * std::clamp(edge / 0.006, 0.0, 1.0)), 1};
-  });
-  for (int i = 0; i < 4; ++i) {  // creases
-    const double y = height_m * random.uniform(0.1, 0.9);
-    canvas.line(Place(0, y, random.uniform(-0.4, 0.4)), 0.1 * width_m, 0, 0.8 * width_m, 0, 0.0012, 0.5 * tone, 0.7);
-  }
+  skin(canvas, random);
   Surface surface;
   surface.origin = origin;
   surface.u_axis = u;
@@ -395,7 +387,7 @@ Story hand_passing(const Stage& stage, Random& random, uint64_t seed) {
   auto hand = std::make_shared<Occluder>();
   const auto add = [&](double width_m, double height_m, double middle, double top) {
     const Vector3d origin = (middle - 0.5 * width_m) * across + top * along;
-    hand->surfaces.push_back(skin(width_m, height_m, origin, across, along, random));
+    hand->surfaces.push_back(piece_of_hand(width_m, height_m, origin, across, along, random));
   };
   add(0.075, 0.085, 0, -0.04);
   for (int finger = 0; finger < 4; ++finger) {
@@ -473,6 +465,20 @@ Story dim(const Stage& stage, Random& random, uint64_t seed) {
   return story;
 }
 
+Story story_of_motion(const PhoneOptions& options, const Scene& scene) {
+  Story story;
+  const std::vector<std::string> starts = start_names();
+  if (std::find(starts.begin(), starts.end(), options.motion) != starts.end()) {
+    const Start start = make_start(options.motion, scene, options.seed);
+    story.curve = start.curve;
+    story.move_s = start.move_s;
+  } else {
+    story.curve = make_motion(options.motion, scene.stage, options.seed, options.duration_s, options.harsh.haste);
+    story.move_s = kHold_s;
+  }
+  return story;
+}
+
 }  // namespace
 
 const std::vector<StoryKind>& stories() {
@@ -499,6 +505,41 @@ const std::vector<StoryKind>& stories() {
       {"lamps", "lamps are switched and flicker", "desk", 20, kExposure_s, 0, false, false},
       {"dim", "a third of the light, 60 ms exposure, a tenth of the frames dropped", "desk", 20, 0.060, 0.1, false,
        false},
+      // A harsher life. The order is kept: a story's place chooses its random numbers.
+      {"reflections", "glossy things mirror lamps and a window", "desk", 20, kExposure_s, 0, true, false, kHarsh},
+      {"people", "arms reach over the desk, half of the time", "desk", 20, kExposure_s, 0, true, false, kHarsh},
+      {"passers_by", "people pass before papered walls", "walls", 20, kExposure_s, 0, true, false, kHarsh},
+      {"bands_100", "a lamp at 100 Hz makes bands of 5 to 30 %", "desk", 20, kBandsExposure_s, 0, true, false, kHarsh},
+      {"bands_120", "a lamp at 120 Hz makes bands of 5 to 30 %", "desk", 20, kBandsExposure_s, 0, true, false, kHarsh},
+      {"bands_30fps", "either lamp, seen at 30 frames/s, read out in 30 ms", "desk", 20, kBandsExposure_s, 0, true,
+       false, kHarsh, WantedMap::kRight, Hint::kNone, 98, 30, -0.030},
+      {"lamp_on", "a lamp with bands is switched on after the start, and off", "desk", 20, kBandsExposure_s, 0, true,
+       false, kHarsh},
+      {"compressed", "compressed in blocks, quality 17 to 50", "desk", 20, kExposure_s, 0, true, false, kHarsh},
+      {"breathing", "the focus hunts and breathes", "desk", 20, kExposure_s, 0, true, false, kHarsh},
+      {"dim_room", "15 to 30 % of the light, much noise", "desk", 20, kExposure_s, 0, true, false, kHarsh,
+       WantedMap::kRight, Hint::kNone, 95},
+      {"brisk", "explores so fast that a second replaces the view", "desk", 20, 0.010, 0, true, false, kHarsh},
+      {"brisk_dim", "fast in half of the light, with an exposure of 20 ms", "desk", 20, 0.020, 0, true, false, kHarsh,
+       WantedMap::kRight, Hint::kNone, 95},
+      {"uneven", "half of the pages are missing, on a tablecloth whose pattern repeats", "desk", 20, kExposure_s, 0,
+       true, false, kHarsh},
+      {"bare_walls", "half of the posters and the ornament are missing", "walls", 20, kExposure_s, 0, true, false,
+       kHarsh},
+      {"postcards", "a bare table with two postcards", "postcards", 20, kExposure_s, 0, false, false, kHarsh,
+       WantedMap::kRightOrRefused, Hint::kTooLittleTexture},
+      {"all_alike", "tiles all alike and nothing else", "same_tiles", 20, kExposure_s, 0, false, false, kHarsh,
+       WantedMap::kRightOrRefused, Hint::kTooLittleTexture},
+      {"slanted_sparse", "a plain table with few things, first seen slanted by 48 to 60 degrees", "sparse", 20,
+       kExposure_s, 0, false, false, kHarsh, WantedMap::kRightOrRefused, Hint::kTooLittleTexture},
+      {"slanted_tiles", "tiles all alike with a few things, first seen slanted likewise", "tiles", 20, kExposure_s, 0,
+       false, false, kHarsh, WantedMap::kRightOrRefused, Hint::kTooLittleTexture},
+      {"pan", "pans on the spot at 60 to 100 degrees/s over what is new, and back", "desk", 27, 0.010, 0, false, false,
+       kHarsh},
+      {"pan_corner", "likewise from one wall to the other and back", "walls", 27, 0.010, 0, false, false, kHarsh},
+      {"carried_thing", "a camera at rest before which a printed thing is carried: no map", "desk", 15, kExposure_s, 0,
+       false, false, kHarsh, WantedMap::kNone},
+      {"life", "a little of all that is harsh", "boxes", 20, 0.020, 0, true, false, kHarsh},
   };
   return all;
 }
@@ -510,7 +551,7 @@ const StoryKind* find_story(const std::string& name) {
   return nullptr;
 }
 
-Story make_story(const std::string& name, const Scene& scene, uint64_t seed) {
+Story make_story(const std::string& name, const Scene& scene, uint64_t seed, const Harshness& harsh) {
   const StoryKind* kind = find_story(name);
   if (kind == nullptr) return {};
   const Stage& stage = scene.stage;
@@ -537,24 +578,21 @@ Story make_story(const std::string& name, const Scene& scene, uint64_t seed) {
   const auto teller = tellers.find(name);
   if (teller != tellers.end()) {
     story = teller->second(stage, random, seed);
-  } else {
-    story.curve = make_motion("calm", stage, seed, kind->duration_s);
+  } else if (!tell_harsh_story(name, stage, random, seed, &story)) {
+    story.curve = make_motion("calm", stage, seed, kind->duration_s, harsh.haste);
   }
   story.move_s = kHold_s;
   return story;
 }
 
 Story story_of(const PhoneOptions& options, const Scene& scene) {
-  if (!options.story.empty()) return make_story(options.story, scene, options.seed);
-  Story story;
-  const std::vector<std::string> starts = start_names();
-  if (std::find(starts.begin(), starts.end(), options.motion) != starts.end()) {
-    const Start start = make_start(options.motion, scene, options.seed);
-    story.curve = start.curve;
-    story.move_s = start.move_s;
-  } else {
-    story.curve = make_motion(options.motion, scene.stage, options.seed, options.duration_s);
-    story.move_s = kHold_s;
+  const Harshness& harsh = options.harsh;
+  Story story =
+      options.story.empty() ? story_of_motion(options, scene) : make_story(options.story, scene, options.seed, harsh);
+  for (auto& mover : make_bystanders(scene.stage, harsh.people, options.seed)) story.movers.push_back(std::move(mover));
+  if (const std::function<double(double)> lamp = lamp_light(harsh, options.seed)) {
+    story.light =
+        story.light == nullptr ? lamp : [lamp, light = story.light](double t_s) { return lamp(t_s) * light(t_s); };
   }
   return story;
 }
@@ -568,6 +606,9 @@ PhoneOptions phone_for_story(const std::string& name, uint64_t seed) {
     options.duration_s = kind->duration_s;
     options.exposure_s = kind->exposure_s;
     options.drop_probability = kind->drop_probability;
+    options.frames_per_s = kind->frames_per_s;
+    options.readout_s = kind->readout_s;
+    options.harsh = harshness_of_story(name, seed);
   }
   return options;
 }

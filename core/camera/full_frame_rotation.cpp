@@ -18,6 +18,7 @@ constexpr float kConverged_rad = 1e-3f;
 constexpr float kMaxLastStep_rad = 4e-3f;
 // Huber threshold, grey levels: above the noise of 1-2, below the residuals of moving objects and borders. Not swept.
 constexpr float kHuber_grey = 8.0f;
+constexpr float kBandHuber_grey = 64.0f;  // grey levels, in the first iteration under lamp bands; not swept
 // Largest rms residual (grey levels) and smallest gain (ratio; largest 1 / kMinGain) at which the two images are
 // believed to show the same scene. Not swept.
 constexpr float kMaxResidual_grey = 25.0f;
@@ -27,6 +28,13 @@ constexpr int kOverlapShare = 3;  // at least 1 / kOverlapShare of the interior 
 // Information of the prior on the gain parameters, grey^2: a weak pull to an even gain of 1, which separates gain and
 // offset in images of little contrast. Not swept.
 constexpr float kGainPull = 10.0f;
+// Share of a line's information that goes to its gain, a ratio: the rest keeps the equations regular. Not swept.
+constexpr float kLineShare = 0.97f;
+// Mean of RotationEstimate::line_share, a ratio, at which bands are seen, and down to which they stay. Between the
+// shares of steady and of flickering light. The mean is over about five frames. Not swept.
+constexpr float kMinShare = 0.35f, kMinShareToStay = 0.25f;
+constexpr float kShareBlend = 0.2f;
+constexpr float kMinCost = 0.5f;  // grey^2 a pixel under which residuals are rounding, which has no lines; not swept
 constexpr float kMinVariance_grey2 = 1.0f;  // grey^2, floor of the covariance's noise; not swept
 constexpr float kMaxStep_rad = 0.5f;        // longer steps come from images that do not match; not swept
 constexpr float kMinRotationPivot = 1e-5f;  // ratio (NormalEquations), a hundred times float32's rounding; not swept
@@ -37,15 +45,20 @@ constexpr int kUnit = 16;                // warped_ is in units of 1/kUnit grey 
 
 }  // namespace
 
-FullFrameRotation::FullFrameRotation(Arena& arena, const CameraModel& camera)
-    : camera_(camera),
-      width_(camera.width >> kLevel),
-      height_(camera.height >> kLevel),
+FullFrameRotation::FullFrameRotation(Arena& arena, const Camera& camera)
+    : camera_(camera.model),
+      lines_of_(camera.shutter.line_time_s == 0                      ? LampLines::kNone
+                : camera.shutter.axis == RollingShutter::Axis::kRows ? LampLines::kRows
+                                                                     : LampLines::kColumns),
+      width_(camera.model.width >> kLevel),
+      height_(camera.model.height >> kLevel),
       pixels_(arena, width_ * height_),
+      lines_(arena, lines_of_ == LampLines::kNone ? 0 : std::max(width_, height_)),
       warped_(arena, width_ * height_) {
   if (arena.measuring()) return;
   pixels_.resize(pixels_.capacity());
   warped_.resize(warped_.capacity());
+  lines_.resize(lines_.capacity());
   for (int i = 0; i < pixels_.size(); ++i) {
     Pixel& pixel = pixels_[i];
     const int x = i % width_, y = i / width_;
@@ -90,13 +103,15 @@ void FullFrameRotation::warp(const GreyView& current, const Matrix3f& R_cp, cons
 }
 
 RotationEstimate FullFrameRotation::estimate(const GreyView& previous, const GreyView& current, const Matrix3f& R_start,
-                                             const Vector3f& t_over_depth) {
+                                             const Vector3f& t_over_depth, bool lamp_bands) {
   PPTAM_ASSERT(previous.width == width_ && previous.height == height_);
   PPTAM_ASSERT(current.width == width_ && current.height == height_);
   previous_ = previous;
   current_ = current;
   t_over_depth_ = t_over_depth;
+  lamp_bands_ = lamp_bands && lines_of_ != LampLines::kNone;
   gain_ = Gain();
+  for (Line& line : lines_) line = Line();
   result_ = RotationEstimate();
   result_.R_cp = R_start;
   RobustFit<FullFrameRotation> fit;
@@ -105,13 +120,16 @@ RotationEstimate FullFrameRotation::estimate(const GreyView& previous, const Gre
   return result_;
 }
 
-bool FullFrameRotation::errors(int) {
+bool FullFrameRotation::errors(int iteration) {
+  // Bands look like outliers until their lines' gains are known.
+  huber_ = lamp_bands_ && iteration == 0 ? kBandHuber_grey : kHuber_grey;
   warp(current_, result_.R_cp, t_over_depth_);
   return true;
 }
 
 void FullFrameRotation::scale() {
   equations_.clear();
+  for (Line& line : lines_) line.clear_sums();
   cost_ = 0;
   count_ = 0;
 }
@@ -128,7 +146,8 @@ void FullFrameRotation::sum_row(int y) {
   const float x_middle = 0.5f * static_cast<float>(width_ - 1), y_middle = 0.5f * static_cast<float>(height_ - 1);
   const float unit = 2.0f / static_cast<float>(width_ + height_);  // scales coordinates to order 1
   const float ys = unit * (static_cast<float>(y) - y_middle);
-  const float row_gain = gain_.gain + gain_.y * ys, gain_x = gain_.x, offset = gain_.offset;
+  const float row_gain = gain_.gain + gain_.y * ys + (lines_of_ == LampLines::kRows ? lines_[y].gain : 0),
+              gain_x = gain_.x, offset = gain_.offset;
   float J0_J0 = 0, J1_J0 = 0, J1_J1 = 0, J2_J0 = 0, J2_J1 = 0, J2_J2 = 0;
   float J0_I = 0, J1_I = 0, J2_I = 0, J0_1 = 0, J1_1 = 0, J2_1 = 0, J0_X = 0, J1_X = 0, J2_X = 0;
   float I_I = 0, I_1 = 0, I_X = 0, w_1 = 0, X_1 = 0, X_X = 0;
@@ -140,7 +159,7 @@ void FullFrameRotation::sum_row(int y) {
     const int16_t left = I_w[-1], right = I_w[1], above = I_w[-width_], below = I_w[width_];
     if (I_w[0] == kOutside || left == kOutside || right == kOutside || above == kOutside || below == kOutside) continue;
     const float xs = unit * (static_cast<float>(x) - x_middle);
-    const float pixel_gain = row_gain + gain_x * xs;
+    const float pixel_gain = row_gain + gain_x * xs + (lines_of_ == LampLines::kColumns ? lines_[x].gain : 0);
     // J = (grad I_p + grad I_warped) / 2 * d(pixel)/d(omega) [phone 4]. Both gradients are in the previous camera's
     // pixels. A factor 1/2 comes from the central differences, another from the mean of the two images.
     constexpr float kWarped = 0.25f / kUnit;
@@ -155,7 +174,7 @@ void FullFrameRotation::sum_row(int y) {
     const auto I = static_cast<float>(I_p[x]);
     const float e = static_cast<float>(I_w[0]) * (1.0f / kUnit) - (pixel_gain * I + offset);
     const float abs_e = std::abs(e);
-    const float w = abs_e <= kHuber_grey ? 1.0f : kHuber_grey / abs_e;
+    const float w = abs_e <= huber_ ? 1.0f : huber_ / abs_e;
     const float X = I * xs;
     const float wJ0 = w * J0, wJ1 = w * J1, wJ2 = w * J2, wI = w * I, wX = w * X, we = w * e;
     J0_J0 += wJ0 * J0, J1_J0 += wJ1 * J0, J1_J1 += wJ1 * J1;
@@ -167,8 +186,19 @@ void FullFrameRotation::sum_row(int y) {
     J0_e += wJ0 * e, J1_e += wJ1 * e, J2_e += wJ2 * e, I_e += wI * e, e_1 += we, X_e += wX * e;
     cost += we * e;
     ++count_;
+    if (lines_of_ != LampLines::kColumns) continue;
+    Line& line = lines_[x];
+    line.I_I += wI * I;
+    line.I_e += wI * e;
+    if (lamp_bands_) line.add({wJ0 * I, wJ1 * I, wJ2 * I, -wI * I, -wI, -wX * I, -wI * I * ys});
   }
   cost_ += cost;
+  if (lines_of_ == LampLines::kRows) {
+    Line& line = lines_[y];
+    line.I_I = I_I;
+    line.I_e = I_e;
+    line.add({J0_I, J1_I, J2_I, -I_I, -I_1, -I_X, -I_I * ys});
+  }
   // u of the last parameter is -I y, where y is constant along the row: its sums are multiples of the others.
   const float row[kUnknowns][kUnknowns] = {
       {J0_J0},
@@ -187,8 +217,42 @@ void FullFrameRotation::sum_row(int y) {
   }
 }
 
+void LampBands::note(float line_share) {
+  mean_share_ += kShareBlend * (line_share - mean_share_);
+  seen_ = mean_share_ > (seen_ ? kMinShareToStay : kMinShare);
+}
+
+void FullFrameRotation::Line::add(const float (&sums)[kUnknowns]) {
+  for (int i = 0; i < kUnknowns; ++i) u_I[i] += sums[i];
+}
+
+float FullFrameRotation::line_share() const {
+  float explained = 0, all = cost_;
+  for (const Line& line : lines_) {
+    if (line.I_I == 0) continue;
+    // What the gain found so far has explained, and what its next step would.
+    const float found = line.gain * line.gain * line.I_I;
+    explained += found + line.I_e * line.I_e / line.I_I;
+    all += found;
+  }
+  return all > kMinCost * static_cast<float>(count_) ? explained / all : 0;
+}
+
+// Schur complement of the lines' gains.
+void FullFrameRotation::eliminate_lines() {
+  for (const Line& line : lines_) {
+    if (line.I_I == 0) continue;
+    const float scale = kLineShare / line.I_I;
+    for (int j = 0; j < kUnknowns; ++j) {
+      for (int k = 0; k <= j; ++k) equations_.A(j, k) -= scale * line.u_I[j] * line.u_I[k];
+      equations_.b(j) += scale * line.u_I[j] * line.I_e;
+    }
+  }
+}
+
 FitStep FullFrameRotation::step(int iteration) {
   if (count_ < (width_ - 2) * (height_ - 2) / kOverlapShare) return FitStep::kFailed;
+  if (lamp_bands_) eliminate_lines();
   result_.residual = std::sqrt(cost_ / static_cast<float>(count_));
   // The prior kGainPull on parameters 3, 5 and 6 (gain, gain_x, gain_y).
   const float from_even[kUnknowns] = {0, 0, 0, 1.0f - gain_.gain, 0, -gain_.x, -gain_.y};
@@ -208,6 +272,14 @@ FitStep FullFrameRotation::step(int iteration) {
   gain_.offset += x[4];
   gain_.x += x[5];
   gain_.y += x[6];
+  if (lamp_bands_) {
+    for (Line& line : lines_) {
+      if (line.I_I == 0) continue;
+      float step = line.I_e;
+      for (int i = 0; i < kUnknowns; ++i) step += line.u_I[i] * x[i];
+      line.gain += kLineShare * step / line.I_I;
+    }
+  }
   if (!(size < kConverged_rad) && iteration + 1 < kMaxIterations) return FitStep::kAgain;
 
   const float variance = std::max(result_.residual * result_.residual, kMinVariance_grey2);
@@ -217,6 +289,7 @@ FitStep FullFrameRotation::step(int iteration) {
     for (int j = 0; j < 3; ++j) result_.covariance(j, i) = column[j] * variance;
   }
   result_.R_cp = orthonormalised(result_.R_cp);
+  result_.line_share = line_share();
   result_.near = result_.residual < kMaxResidual_grey && gain_.gain > kMinGain && gain_.gain < 1 / kMinGain;
   result_.ok = result_.near && size < kMaxLastStep_rad;
   return FitStep::kConverged;

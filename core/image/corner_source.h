@@ -26,7 +26,12 @@ struct Corner {
   float score = 0;  // larger is better; the unit is the detector's own
 };
 
-enum class CornerProgress : uint8_t { kWorking, kFound, kEnd };
+enum class CornerProgress : uint8_t {
+  kWorking,
+  kFound,
+  kWeaker,  // all corners of one kind have been given; finding weaker ones is the next work
+  kEnd
+};
 
 class CornerSource {
  public:
@@ -35,13 +40,14 @@ class CornerSource {
   // over the image.
   virtual CornerProgress advance(Corner* corner) = 0;
 
-  // Runs start() and advance() until out is full or no corner is left; returns the number of corners.
-  int detect(const Pyramid& pyramid, std::span<Corner> out) {
+  // Runs start() and advance() until out is full, no corner is left, or only weaker ones are and there are `enough`;
+  // returns the number of corners.
+  int detect(const Pyramid& pyramid, std::span<Corner> out, int enough = 0) {
     start(pyramid);
     int count = 0;
     while (count < static_cast<int>(out.size())) {
       const CornerProgress progress = advance(&out[static_cast<size_t>(count)]);
-      if (progress == CornerProgress::kEnd) break;
+      if (progress == CornerProgress::kEnd || (progress == CornerProgress::kWeaker && count >= enough)) break;
       count += progress == CornerProgress::kFound;
     }
     return count;

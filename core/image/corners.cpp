@@ -9,8 +9,9 @@
 namespace pptam {
 namespace {
 
-// Radii of the score's windows, pixels of each level: 3x3 in L2, 5x5 in L1, 7x7 in L0. Measured: see corners.h.
-constexpr int kRadiusL2 = 1;
+// Radii of the score's windows, pixels of each level: 3x3 where all pixels are scored, and in the ascent 5x5 in L1 and
+// 7x7 in L0. Measured: see corners.h.
+constexpr int kScoreRadius = 1;
 constexpr int kRadiusL1 = 2;
 constexpr int kRadiusL0 = 3;
 constexpr int kMinBorder = kRadiusL0 + 2;  // pixels: windows of a 3x3 neighbourhood and their gradients stay inside
@@ -113,52 +114,57 @@ float shi_tomasi_score(const GreyView& image, int x, int y) {
 }
 
 CornerDetector::CornerDetector(Arena& arena, int width_l0, int height_l0)
-    : score_(arena, (width_l0 >> 2) * (height_l0 >> 2)),
-      rows_(arena, 3 * (width_l0 >> 2)),
-      // Maxima are never adjacent: there is at most one in each 2x2 block of L2.
-      maxima_(arena, ((width_l0 >> 3) + 1) * ((height_l0 >> 3) + 1)),
-      taken_(arena, ((width_l0 >> 3) + 1) * ((height_l0 >> 3) + 1)) {}
+    : score_(arena, (width_l0 >> kFinestScored) * (height_l0 >> kFinestScored)),
+      rows_(arena, 3 * (width_l0 >> kFinestScored)),
+      // Maxima are never adjacent: there is at most one in each 2x2 block.
+      maxima_(arena, ((width_l0 >> (kFinestScored + 1)) + 1) * ((height_l0 >> (kFinestScored + 1)) + 1)),
+      taken_(arena, ((width_l0 >> (kFinestScored + 1)) + 1) * ((height_l0 >> (kFinestScored + 1)) + 1)) {}
 
 void CornerDetector::start(const Pyramid& pyramid, const CornerParams& params) {
   PPTAM_ASSERT(params.max_ascent_steps >= 1 && params.max_ascent_steps <= kMaxAscentSteps);
   PPTAM_ASSERT(params.cells_x >= 1 && params.cells_y >= 1 && params.cells_x * params.cells_y <= kMaxCells);
   pyramid_ = pyramid;
   params_ = params;
-  maxima_.clear();
   taken_.clear();
-  round_.clear();
-  next_ = 0;
   scored_pixels_ = 0;
   ascent_steps_ = 0;
-  const GreyView& l2 = pyramid.level[2];
-  border_ = std::max(params.border_l2, kMinBorder);
-  score_.resize(l2.width * l2.height);
-  rows_.resize(3 * l2.width);
-  row_ = std::min(l2.width, l2.height) > 2 * border_ ? border_ - 1 : l2.height;
+  start_level(kCoarsestScored);
+}
+
+void CornerDetector::start_level(int level) {
+  level_ = level;
+  maxima_.clear();
+  round_.clear();
+  next_ = 0;
+  const GreyView& image = pyramid_.level[level];
+  border_ = std::max(params_.border_l2 << (kCoarsestScored - level), kMinBorder);
+  score_.resize(image.width * image.height);
+  rows_.resize(3 * image.width);
+  row_ = std::min(image.width, image.height) > 2 * border_ ? border_ - 1 : image.height;
 }
 
 // Scores every pixel of row row_ that is at least border_ - 1 inside; the score is zero below min_score. Window sums
 // are made along rows, kept for three rows, then down the columns. Then finds the maxima of the row before.
 void CornerDetector::score_row() {
-  static_assert(kRadiusL2 == 1);
-  const GreyView& l2 = pyramid_.level[2];
+  static_assert(kScoreRadius == 1);
+  const GreyView& image = pyramid_.level[level_];
   const int y = row_++;
-  const int first_x = border_ - 1, last_x = l2.width - border_;
-  const float scale = 0.5f * tensor_scale(kRadiusL2);
+  const int first_x = border_ - 1, last_x = image.width - border_;
+  const float scale = 0.5f * tensor_scale(kScoreRadius);
   const auto min_twice = static_cast<int32_t>(std::clamp(params_.min_score / scale, 0.0f, 2 * kMaxThreshold));
   const int32_t min_diagonal = min_twice / 2;  // the smaller eigenvalue is at most min(xx, yy): rejects most pixels
-  scored_pixels_ += l2.width;
+  scored_pixels_ += image.width;
 
-  const auto sums_of = [&](int row) { return rows_.data() + row % 3 * l2.width; };
+  const auto sums_of = [&](int row) { return rows_.data() + row % 3 * image.width; };
   if (y == border_ - 1) {
-    sum_row(l2, y - 1, first_x, last_x, sums_of(y - 1));
-    sum_row(l2, y, first_x, last_x, sums_of(y));
+    sum_row(image, y - 1, first_x, last_x, sums_of(y - 1));
+    sum_row(image, y, first_x, last_x, sums_of(y));
   }
-  sum_row(l2, y + 1, first_x, last_x, sums_of(y + 1));
+  sum_row(image, y + 1, first_x, last_x, sums_of(y + 1));
   const StructureTensor* const above = sums_of(y - 1);
   const StructureTensor* const middle = sums_of(y);
   const StructureTensor* const below = sums_of(y + 1);
-  float* scores = score_.data() + y * l2.width;
+  float* scores = score_.data() + y * image.width;
   for (int x = first_x; x <= last_x; ++x) {
     scores[x] = 0;
     const int32_t xx = above[x].xx + middle[x].xx + below[x].xx;
@@ -170,15 +176,15 @@ void CornerDetector::score_row() {
   }
 
   if (y <= border_) return;
-  scores -= l2.width;
-  const int cell_row = (y - 1) * params_.cells_y / l2.height * params_.cells_x;
-  for (int x = border_; x < l2.width - border_; ++x) {
-    if (scores[x] == 0 || !is_maximum(scores + x, l2.width)) continue;
+  scores -= image.width;
+  const int cell_row = (y - 1) * params_.cells_y / image.height * params_.cells_x;
+  for (int x = border_; x < image.width - border_; ++x) {
+    if (scores[x] == 0 || !is_maximum(scores + x, image.width)) continue;
     Maximum maximum;
     maximum.score = scores[x];
     maximum.x = static_cast<int16_t>(x);
     maximum.y = static_cast<int16_t>(y - 1);
-    maximum.cell = static_cast<int16_t>(cell_row + x * params_.cells_x / l2.width);
+    maximum.cell = static_cast<int16_t>(cell_row + x * params_.cells_x / image.width);
     maxima_.push_back(maximum);
   }
 }
@@ -203,51 +209,61 @@ void CornerDetector::order_round() {
   std::sort(round_.begin(), round_.end(), [&](int16_t a, int16_t b) { return better(maxima_[a], maxima_[b]); });
 }
 
-// Follows an L2 maximum to L1 and L0. False when it is below min_score there, or nearer than kMinDistance to a corner
-// already found.
-bool CornerDetector::follow(const Maximum& maximum, Corner* corner) {
-  const int width = pyramid_.level[2].width;
-  // The centre of the L2 pixel lies at 2 x + 0.5 in L1, between two pixels: the one on the side of the greater L2 score
-  // is the start.
-  const float* score = score_.data() + maximum.y * width + maximum.x;
-  int x = 2 * maximum.x + (score[1] > score[-1] ? 1 : 0);
-  int y = 2 * maximum.y + (score[width] > score[-width] ? 1 : 0);
-  const float score_l1 = ascend<kRadiusL1>(pyramid_.level[1], params_.max_ascent_steps, &x, &y, &ascent_steps_);
-  if (score_l1 < params_.min_score) return false;
-  x *= 2;  // rounded down: the first 3x3 neighbourhood holds all four pixels round the centre of the L1 pixel
-  y *= 2;
-  const float score_l0 = ascend<kRadiusL0>(pyramid_.level[0], params_.max_ascent_steps, &x, &y, &ascent_steps_);
-  if (score_l0 < params_.min_score) return false;
-  const bool apart = std::none_of(taken_.begin(), taken_.end(), [&](const Corner& other) {
+bool CornerDetector::apart(int x, int y) const {
+  return std::none_of(taken_.begin(), taken_.end(), [&](const Corner& other) {
     const int dy = other.y - y;
     if (dy >= kMinDistance || dy <= -kMinDistance) return false;
     const int dx = other.x - x;
     return dx * dx + dy * dy < kMinDistance * kMinDistance;
   });
-  if (!apart) return false;
+}
+
+// Follows a maximum to L1 and L0. False when it is below min_score there, or nearer than kMinDistance to a corner
+// already found.
+bool CornerDetector::follow(const Maximum& maximum, Corner* corner) {
+  int x = maximum.x, y = maximum.y;
+  if (level_ == kCoarsestScored) {
+    // The centre of the L2 pixel lies at 2 x + 0.5 in L1, between two pixels: the one on the side of the greater L2
+    // score is the start.
+    const int width = pyramid_.level[level_].width;
+    const float* score = score_.data() + y * width + x;
+    x = 2 * x + (score[1] > score[-1] ? 1 : 0);
+    y = 2 * y + (score[width] > score[-width] ? 1 : 0);
+  } else if (!apart(2 * x, 2 * y)) {
+    return false;
+  }
+  const float score_l1 = ascend<kRadiusL1>(pyramid_.level[1], params_.max_ascent_steps, &x, &y, &ascent_steps_);
+  if (score_l1 < params_.min_score) return false;
+  x *= 2;  // rounded down: the first 3x3 neighbourhood holds all four pixels round the centre of the L1 pixel
+  y *= 2;
+  const float score_l0 = ascend<kRadiusL0>(pyramid_.level[0], params_.max_ascent_steps, &x, &y, &ascent_steps_);
+  if (score_l0 < params_.min_score || !apart(x, y)) return false;
   *corner = {static_cast<int16_t>(x), static_cast<int16_t>(y), std::min({maximum.score, score_l1, score_l0})};
   taken_.push_back(*corner);
   return true;
 }
 
 CornerProgress CornerDetector::advance(Corner* corner) {
-  if (row_ <= pyramid_.level[2].height - border_) {
+  if (row_ <= pyramid_.level[level_].height - border_) {
     score_row();
     return CornerProgress::kWorking;
   }
   if (next_ == round_.size()) {
     order_round();
-    return round_.size() == 0 ? CornerProgress::kEnd : CornerProgress::kWorking;
+    if (round_.size() > 0) return CornerProgress::kWorking;
+    if (level_ == kFinestScored) return CornerProgress::kEnd;
+    start_level(level_ - 1);
+    return CornerProgress::kWeaker;
   }
   return follow(maxima_[round_[next_++]], corner) ? CornerProgress::kFound : CornerProgress::kWorking;
 }
 
-int CornerDetector::detect(const Pyramid& pyramid, const CornerParams& params, std::span<Corner> out) {
+int CornerDetector::detect(const Pyramid& pyramid, const CornerParams& params, std::span<Corner> out, int enough) {
   start(pyramid, params);
   int count = 0;
   while (count < static_cast<int>(out.size())) {
     const CornerProgress progress = advance(&out[static_cast<size_t>(count)]);
-    if (progress == CornerProgress::kEnd) break;
+    if (progress == CornerProgress::kEnd || (progress == CornerProgress::kWeaker && count >= enough)) break;
     count += progress == CornerProgress::kFound;
   }
   return count;

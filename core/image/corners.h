@@ -1,4 +1,5 @@
-// Multi-scale Shi-Tomasi corners [phone 3.1]: exhaustive only in L2, then iterative ascent down to L1 and L0.
+// Multi-scale Shi-Tomasi corners [phone 3.1]: exhaustive only in L2, then iterative ascent down to L1 and L0. Where
+// these are not enough, corners follow that are seen in L1 and L0 only: all of L1 is scored then.
 //
 // Used once per keyframe and at the start of initialisation, never per tracked frame. Scores come from the integer
 // structure tensor of central differences; its minimum eigenvalue is the score. Windows are 7x7 in L0, 5x5 in L1 and
@@ -39,10 +40,10 @@ struct CornerParams {
 // must be at least 4 pixels inside. Central differences (I(x+1) - I(x-1)) / 2.
 float shi_tomasi_score(const GreyView& image, int x, int y);
 
-// Finds corners one at a time, as CornerSource does. A piece of work is to score one row of L2, to order one round of
-// the buckets, or to follow one maximum of L2 to L0. Within a round the strongest in L2 comes first. Corner::score is
+// Finds corners one at a time, as CornerSource does. A piece of work is to score one row, to order one round of
+// the buckets, or to follow one maximum down to L0. Within a round the strongest in L2 comes first. Corner::score is
 // the smallest of the minimum eigenvalues in L0, L1 and L2, grey^2/px^2. Two corners are never closer than 6 level-0
-// pixels. No allocation after construction; memory is about 10 bytes for each L2 pixel.
+// pixels. No allocation after construction; memory is about 12 bytes for each L1 pixel.
 class CornerDetector {
  public:
   CornerDetector() = default;
@@ -50,17 +51,19 @@ class CornerDetector {
 
   void start(const Pyramid& pyramid, const CornerParams& params);
   CornerProgress advance(Corner* corner);
-  // Runs start() and advance() until out is full or no corner is left; returns the number of corners.
-  int detect(const Pyramid& pyramid, const CornerParams& params, std::span<Corner> out);
+  // Runs start() and advance() until out is full, no corner is left, or only weaker ones are and there are `enough`;
+  // returns the number of corners.
+  int detect(const Pyramid& pyramid, const CornerParams& params, std::span<Corner> out, int enough = 0);
 
-  // Since start(): L2 pixels of the rows scored, and 3x3 steps made in L1 and L0. The work meter charges these.
+  // Since start(): pixels of L2 and L1 of the rows scored, and 3x3 steps made in L1 and L0. The work meter charges
+  // these.
   int scored_pixels() const { return scored_pixels_; }
   int ascent_steps() const { return ascent_steps_; }
 
  private:
-  struct Maximum {  // a local maximum of the L2 score
+  struct Maximum {  // a local maximum of the score
     float score = 0;
-    int16_t x = 0, y = 0;  // L2 pixels
+    int16_t x = 0, y = 0;  // pixels of level_
     int16_t cell = 0;      // bucket, row-major; -1: used in an earlier round
   };
   static constexpr int kMaxCells = 64;  // buckets; bounds round_. Not swept
@@ -69,18 +72,23 @@ class CornerDetector {
     if (a.score != b.score) return a.score > b.score;
     return a.y != b.y ? a.y < b.y : a.x < b.x;
   }
+  // The levels in which all pixels are scored.
+  static constexpr int kCoarsestScored = 2, kFinestScored = 1;
+  void start_level(int level);
   void score_row();
   void order_round();
+  bool apart(int x, int y) const;  // from all corners found, level-0 pixels
   bool follow(const Maximum& maximum, Corner* corner);
 
-  FixedVector<float> score_;           // of each L2 pixel, grey^2/px^2
-  FixedVector<StructureTensor> rows_;  // sums over 3 columns, of the last three rows of L2
+  FixedVector<float> score_;           // of each pixel of level_, grey^2/px^2
+  FixedVector<StructureTensor> rows_;  // sums over 3 columns, of the last three rows
   FixedVector<Maximum> maxima_;
   FixedVector<Corner> taken_;  // corners found since start()
   Pyramid pyramid_;
   CornerParams params_;
-  int border_ = 0;                          // L2 pixels
-  int row_ = 0;                             // next row of L2 to be scored
+  int level_ = kCoarsestScored;             // being scored
+  int border_ = 0;                          // pixels of level_
+  int row_ = 0;                             // next row to be scored
   InlineVector<int16_t, kMaxCells> round_;  // indices in maxima_: the best left in each bucket, best first
   int next_ = 0;                            // next entry of round_ to be followed
   int scored_pixels_ = 0;

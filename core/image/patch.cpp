@@ -26,6 +26,9 @@ inline int32_t blend(int32_t a, int32_t b, int32_t weight) {
   return (a << 8) + (b - a) * weight;
 }
 
+// Share of the lines' summed squares that tells a slope from a gain: smaller only where all but one line are black.
+constexpr float kMinLight = 1e-3f;
+
 }  // namespace
 
 bool warp_patch(const GreyView& source, const Eigen::Vector2f& centre, const Eigen::Matrix2f& J_src_tpl,
@@ -133,6 +136,47 @@ bool search_patch(const GreyView& image, const PatchTemplate& patch, const Eigen
     }
   }
   return best < initial;
+}
+
+void match_light(const GreyView& image, const Eigen::Vector2f& at, LampLines lines, PatchTemplate* patch) {
+  const auto x0 = static_cast<int32_t>(at.x() - kPatchCentre), y0 = static_cast<int32_t>(at.y() - kPatchCentre);
+  PPTAM_ASSERT(x0 >= 0 && y0 >= 0 && x0 + kPatchSize < image.width && y0 + kPatchSize < image.height);
+  const float x_weight = at.x() - kPatchCentre - static_cast<float>(x0);
+  const float y_weight = at.y() - kPatchCentre - static_cast<float>(y0);
+  float image_line[kPatchSize] = {}, patch_line[kPatchSize] = {};
+  for (int r = 0; r < kPatchSize; ++r) {
+    const uint8_t* upper = image.row(y0 + r) + x0;
+    const uint8_t* lower = upper + image.stride;
+    for (int c = 0; c < kPatchSize; ++c) {
+      const float u = static_cast<float>(upper[c]), l = static_cast<float>(lower[c]);
+      const float u_next = static_cast<float>(upper[c + 1]), l_next = static_cast<float>(lower[c + 1]);
+      const float above = u + x_weight * (u_next - u), below = l + x_weight * (l_next - l);
+      const int line = lines == LampLines::kRows ? r : c;
+      image_line[line] += above + y_weight * (below - above);
+      patch_line[line] += static_cast<float>(patch->px[(r + 1) * kPatchFramed + c + 1]);
+    }
+  }
+  // Least squares of image = (a + b s) patch over the lines, s from the middle.
+  float TT = 0, sTT = 0, ssTT = 0, TI = 0, sTI = 0;
+  for (int line = 0; line < kPatchSize; ++line) {
+    const float s = static_cast<float>(line) - kPatchCentre, T = patch_line[line], I = image_line[line];
+    TT += T * T, sTT += s * T * T, ssTT += s * s * T * T;
+    TI += T * I, sTI += s * T * I;
+  }
+  const float determinant = TT * ssTT - sTT * sTT;
+  if (!(determinant > kMinLight * TT * TT)) return;  // black
+  const float a = (ssTT * TI - sTT * sTI) / determinant, b = (TT * sTI - sTT * TI) / determinant;
+  patch->sum = patch->sum_sq = 0;
+  for (int r = 0; r < kPatchFramed; ++r) {
+    for (int c = 0; c < kPatchFramed; ++c) {
+      const float s = static_cast<float>(lines == LampLines::kRows ? r : c) - (kPatchCentre + 1);
+      uint8_t& px = patch->px[r * kPatchFramed + c];
+      px = static_cast<uint8_t>(std::clamp((a + b * s) * static_cast<float>(px) + 0.5f, 0.0f, 255.0f));
+      const bool inside = r >= 1 && c >= 1 && r <= kPatchSize && c <= kPatchSize;
+      patch->sum += inside ? px : 0;
+      patch->sum_sq += inside ? px * px : 0;
+    }
+  }
 }
 
 bool refine_patch(const GreyView& image, const PatchTemplate& patch, const Eigen::Vector2f& start, int max_steps,

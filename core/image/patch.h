@@ -10,6 +10,7 @@
 
 #include <pocket_ptam/image.h>
 #include "image/kernels.h"
+#include "image/pyramid.h"
 
 namespace pptam {
 
@@ -50,6 +51,11 @@ struct PatchHit {
 // first in row-major order.
 bool search_patch(const GreyView& image, const PatchTemplate& patch, const Eigen::Vector2f& predicted, float radius,
                   int32_t max_zmssd, PatchHit* hit);
+
+// Under lamp bands the brightness of a patch changes across the shutter's lines. Multiplies the template by the gain,
+// linear across the lines, with which the means of its lines fit those of the image's 8x8 at `at` (image pixels, inside
+// the image).
+void match_light(const GreyView& image, const Eigen::Vector2f& at, LampLines lines, PatchTemplate* patch);
 
 struct RefinedPatch {
   Eigen::Vector2f position = Eigen::Vector2f::Zero();  // of the reference point, image pixels

@@ -42,6 +42,7 @@ Pyramid copy_pyramid(const Pyramid& source, const PyramidStorage& storage) {
     for (int y = 0; y < from.height; ++y) std::memcpy(to.row(y), from.row(y), static_cast<size_t>(from.width));
     copy.level[l] = to;
   }
+  copy.lamp_lines = source.lamp_lines;
   return copy;
 }
 

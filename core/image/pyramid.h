@@ -8,9 +8,13 @@ namespace pptam {
 
 constexpr int kPyramidLevels = 5;  // levels 0 to 4 [phone 3.1]
 
+// Lines of a rolling shutter along which lamps that flicker draw bands; kNone where the light is steady.
+enum class LampLines : uint8_t { kNone, kRows, kColumns };
+
 // Level 0 may point into the camera's buffer; levels 1 to 4 point into a PyramidStorage.
 struct Pyramid {
   GreyView level[kPyramidLevels];
+  LampLines lamp_lines = LampLines::kNone;
 };
 
 // Storage for levels first_level..4 of a width x height image, tightly packed, in one allocation.

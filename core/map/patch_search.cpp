@@ -14,6 +14,8 @@ constexpr int32_t kMinEnergy = 64 * 4 * 4;
 // Zero-mean SSD (grey levels^2) at which a match is accepted whatever the template's contrast: 64 pixels that differ by
 // 3 grey levels rms, the sensor noise of both images. Not swept.
 constexpr int32_t kNoiseZmssd = 64 * 3 * 3;
+// SearchOptions::max_relative_zmssd is this many times larger under lamp bands, until the light is matched. Not swept.
+constexpr float kBandTolerance = 2.0f;
 constexpr int kRefineSteps = 8;  // ESM iterations at most: bounds the time of one point; not swept
 // Cosine of the angle between viewing ray and patch normal: beyond 75 degrees an affine warp does not describe the
 // view. Not swept.
@@ -27,6 +29,13 @@ constexpr float kMinWarpArea = 1e-3f, kMaxWarpArea = 1e3f;
 // Area of a template pixel in pixels of the source level, a ratio: within 1/4 to 4 [ptam 5.3]. A level is a factor of
 // 4; above 2 the next coarser level is nearer.
 constexpr float kMinSourceArea = 0.25f, kMaxSourceArea = 4.0f, kCoarserArea = 2.0f, kAreaPerLevel = 0.25f;
+
+// Whether the 8x8 at `at` (image pixels) and its next pixels are inside the image.
+bool inside(const GreyView& image, const Vector2f& at) {
+  const float x = at.x() - kPatchCentre, y = at.y() - kPatchCentre;
+  return x >= 0 && y >= 0 && x < static_cast<float>(image.width - kPatchSize) &&
+         y < static_cast<float>(image.height - kPatchSize);
+}
 
 }  // namespace
 
@@ -72,20 +81,36 @@ SearchOutcome find_template(const Pyramid& target, const PatchTemplate& patch, c
                             const SearchOptions& options, WorkMeter& meter, ImagePoint* found) {
   const GreyView& image = target.level[options.level];
   const Vector2f predicted(from_level0(predicted_px.x(), options.level), from_level0(predicted_px.y(), options.level));
-  const float energy = static_cast<float>(patch.energy());
-  const int32_t max_zmssd = std::max(kNoiseZmssd, static_cast<int32_t>(options.max_relative_zmssd * energy));
+  const auto limit = [&](const PatchTemplate& of, float share) {
+    return std::max(kNoiseZmssd, static_cast<int32_t>(share * static_cast<float>(of.energy())));
+  };
+  const bool bands = target.lamp_lines != LampLines::kNone;
   PatchHit hit;
-  const bool matched = search_patch(image, patch, predicted, options.radius_px, max_zmssd, &hit);
+  const bool matched = search_patch(image, patch, predicted, options.radius_px,
+                                    limit(patch, (bands ? kBandTolerance : 1) * options.max_relative_zmssd), &hit);
   meter.charge(Work::kPatchCandidate, hit.candidates);
   if (hit.candidates == 0) return SearchOutcome::kNotVisible;
   if (!matched) return SearchOutcome::kNotFound;
   Vector2f at(static_cast<float>(hit.x) + kPatchCentre, static_cast<float>(hit.y) + kPatchCentre);
-  if (options.refine) {
-    RefinedPatch refined;
-    const bool converged = refine_patch(image, patch, at, kRefineSteps, &refined);
+  RefinedPatch refined;
+  const auto refine = [&](const PatchTemplate& with) {
+    const bool converged = refine_patch(image, with, at, kRefineSteps, &refined);
     meter.charge(Work::kPatchRefineStep, refined.steps);
-    if (!converged) return SearchOutcome::kNotFound;
-    at = refined.position;
+    if (converged) at = refined.position;
+    return converged;
+  };
+  if (!bands) {
+    if (options.refine && !refine(patch)) return SearchOutcome::kNotFound;
+  } else {
+    // The light is matched where the patch was found, and once more where that leads.
+    for (int round = 0; round < (options.refine ? 2 : 1); ++round) {
+      if (!inside(image, at)) return SearchOutcome::kNotFound;
+      PatchTemplate lit = patch;
+      match_light(image, at, target.lamp_lines, &lit);
+      if (round == 0 && !search_patch(image, lit, at, 0, limit(lit, options.max_relative_zmssd), &hit))
+        return SearchOutcome::kNotFound;
+      if (options.refine && !refine(lit)) return SearchOutcome::kNotFound;
+    }
   }
   found->px = {to_level0(at.x(), options.level), to_level0(at.y(), options.level)};
   found->level = static_cast<uint8_t>(options.level);

@@ -27,6 +27,7 @@ class PartialPoints final : public PointSource {
   bool promote(int partial, int keyframe);
   Task<> add_corners(int keyframe);
   Task<> find_occupied(int keyframe);
+  void make_room();
 
   const Config& config_;
   Map& map_;
@@ -34,7 +35,13 @@ class PartialPoints final : public PointSource {
   Background& background_;
   CornerSource* corner_source_;
   PatchFinder finder_;
-  FixedVector<Vector2f> occupied_;  // level-0 pixels of a keyframe that already have a point
+  struct OutOfView {
+    uint32_t id = 0;
+    int32_t slot = 0;  // of Map::partial_points()
+  };
+
+  FixedVector<Vector2f> occupied_;      // level-0 pixels of a keyframe that already have a point
+  FixedVector<OutOfView> out_of_view_;  // partial points that a keyframe does not show
 };
 
 }  // namespace pptam

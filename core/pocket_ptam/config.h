@@ -53,9 +53,10 @@ struct Config {
   int max_measurements = 6000;
   // When a point has one too many, its least useful one is dropped [phone 3.2: 8]. 2 to 32.
   int max_measurements_per_point = 8;
-  int max_partial_points = 100;     // not swept
-  int max_measured_points = 50;     // map points searched per frame [phone 7]
-  int max_partial_searches = 12;    // partial points searched per frame [phone 7]
+  int max_partial_points = 100;  // not swept
+  int max_measured_points = 50;  // map points searched per frame [phone 7]
+  // Partial points searched per frame [phone 7]; where fewer map points are in view than may be measured, as many more.
+  int max_partial_searches = 12;
   int max_new_partial_points = 25;  // per keyframe [phone 5.2]
   int max_initial_points = 100;     // of the first view, tracked by the homography; not swept
   // The image is divided into cells_x by cells_y cells over which the measured points are spread. 1 to 16 each. 40 px

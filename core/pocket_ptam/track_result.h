@@ -78,6 +78,7 @@ struct TrackResult {
   bool pose_valid = false;  // whether T_cw and covariance are valid; true only in state kTracking
   bool blurred = false;     // motion blur was predicted, so the search used Config::coarse_search_level
   bool keyframe_added = false;
+  bool repeated = false;  // the last picture again, bit for bit: its pose, nothing was searched
   SE3 T_cw;
   Matrix6f covariance = Matrix6f::Zero();  // of mu in T_cw <- exp(mu) T_cw, world units and radians
   int points_attempted = 0;                // map points searched because they should be visible

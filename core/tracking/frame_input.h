@@ -24,8 +24,13 @@ class FrameInput {
  public:
   FrameInput(Arena& arena, const CameraModel& camera, WorkMeter& meter);
 
-  // The frame must be validated. Level 0 may point into the frame's memory.
-  void take(const Frame& frame);
+  // The frame must be validated. Level 0 may point into the frame's memory. False when repeated pictures are to be
+  // passed over and this is the last one again, bit for bit in L2, as from a recorder that stalls: nothing changes
+  // then, and the time of the frame is not counted.
+  bool take(const Frame& frame, bool pass_repeated);
+
+  // Lamps draw bands along these lines of the frame.
+  void set_lamp_lines(LampLines lines) { pyramid_.lamp_lines = lines; }
 
   int64_t timestamp_ns() const { return timestamp_ns_; }
   float dt_s() const { return dt_s_; }  // since the frame before
@@ -41,6 +46,7 @@ class FrameInput {
   Pyramid pyramid_;
   GreyImage small_, previous_small_;
   bool has_frame_ = false, has_previous_ = false;
+  uint32_t hash_ = 0;  // of L2
   int64_t timestamp_ns_ = 0;
   float dt_s_ = 0;
 };

@@ -166,6 +166,11 @@ void HomographyInitialiser::constrain(const FrameInput& frame, const Matrix3f& R
     renew_first_view(frame, rotation_rate);
     return;
   }
+  if (tracker_.camera_stands()) {
+    report_.progress = information_ = 0;
+    renew_first_view(frame, rotation_rate);
+    return;
+  }
   const float margin = certainly_planar ? planar_margin(decomposition) : general_margin(decomposition);
   if (margin > kMinMargin) information_ += margin * margin * dt_s / kTremorCorrelation_s;
   report_.progress = std::clamp(std::max(margin, std::sqrt(information_)) / kRequiredMargin, 0.0f, 1.0f);

@@ -12,9 +12,15 @@ constexpr int kMinCorners = 25;
 constexpr float kMinFoundFraction = 0.3f;  // found points among those searched, a ratio; not swept
 constexpr int kMinInliers = 14;         // found points without which no fit is tried, as in fit_homography(); not swept
 constexpr float kResidualDecay = 0.7f;  // factor of a point's offset from H, per frame without a match; not swept
+// Corners of the first view from which on no weaker ones are added. Not swept.
+constexpr int kEnoughCorners = 50;
 // Points searched in a frame, in turns. Each costs about 45 thousand ARMv6 instructions of the 6 million that a frame
 // may take.
 constexpr int kSearchesPerFrame = 85;
+// A point rests within this distance of its place in the first view, level-0 px: twice the noise of a measurement; and
+// the share of such points, a ratio, from which on the camera stands. Not swept.
+constexpr float kRest_px = 0.8f;
+constexpr float kMaxRestingShare = 0.2f;
 // Homogeneous coordinate under which H cannot place a point, a ratio. Not swept.
 constexpr float kMinPlacedDepth = 0.1f;
 
@@ -42,7 +48,7 @@ HomographyTracker::HomographyTracker(Arena& arena, const Config& config, WorkMet
 
 bool HomographyTracker::start(const Pyramid& first_view, const Vector3f& rotation_rate) {
   corners_.resize(corners_.capacity());
-  const int count = corner_source_->detect(first_view, corners_);
+  const int count = corner_source_->detect(first_view, corners_, kEnoughCorners);
   if (count < kMinCorners) return false;
   reset();
   for (int i = 0; i < count; ++i) {
@@ -100,6 +106,12 @@ void HomographyTracker::correct(const Matrix3f& rate) {
     if (point.found) point.x_2 = corrected(point.px_2, rate);
 }
 
+bool HomographyTracker::camera_stands() const {
+  int resting = 0;
+  for (const TrackedPoint& point : points_) resting += point.found && point.farthest_sq < kRest_px * kRest_px;
+  return static_cast<float>(resting) > kMaxRestingShare * static_cast<float>(found_);
+}
+
 bool HomographyTracker::track(const Pyramid& first_view, const Pyramid& pyramid, float dt_s, const Matrix3f& R_cp,
                               const SearchOptions& options) {
   // Prediction: the rotation seen by the full frame, and the last frame's parallax continued.
@@ -118,6 +130,7 @@ bool HomographyTracker::track(const Pyramid& first_view, const Pyramid& pyramid,
     good = fit(H_);
   }
   for (TrackedPoint& point : points_) {
+    if (point.found) point.farthest_sq = std::max(point.farthest_sq, (point.px_2 - point.px_1).squaredNorm());
     if (good && point.found) {
       point.residual = point.x_2 - apply_homography(H_, point.x_1);
       point.on_plane = point.weight > 0;

@@ -29,6 +29,7 @@ struct TrackedPoint {
   Vector2f x_2 = Vector2f::Zero();       // normalised, corrected
   Vector2f residual = Vector2f::Zero();  // x_2 - H x_1, normalised: predicts points off the plane in the next frame
   float weight = 0;                      // Tukey weight in the homography fit
+  float farthest_sq = 0;                 // px_2 to px_1 at most since the first view, squared level-0 pixels
   bool on_plane = false;                 // inlier of H when it was last found
   bool found = false;
 };
@@ -57,6 +58,9 @@ class HomographyTracker {
   std::span<const ObservedPoint> observed() const { return observed_; }
   int attempted() const { return attempted_; }
   int found() const { return found_; }
+  // Whether many points have stayed in their places since the first view although others have moved: the camera stands,
+  // and something moves in front of it. A hand that moves sideways turns too, by more than a pixel.
+  bool camera_stands() const;
   // Largest number of points that a frame can search; fewer are attempted when some are out of sight.
   int searched_at_once() const;
 

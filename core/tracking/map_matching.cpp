@@ -7,8 +7,9 @@ namespace pptam {
 
 namespace {
 
-// Tracking quality [ptam 5.6]: least share of inliers among the points searched, and least number of inliers. A frame
-// of good quality may become a keyframe; one that is not even poor counts towards being lost. Shares reached: 0.62 to
+// Tracking quality [ptam 5.6]: least share of inliers among the points searched, and least number of inliers, of map
+// points and of the partial points that took part. Only a frame of good quality confirms a pose of the relocaliser; one
+// that is not even poor counts towards being lost. Shares reached: 0.62 to
 // 0.78 in real recordings (their worst tenth 0.28 to 0.65), 0.83 to 0.94 on the emulated phone. Not swept.
 constexpr float kGoodFraction = 0.45f;
 constexpr float kPoorFraction = 0.22f;
@@ -18,35 +19,48 @@ constexpr int kPoorInliers = 8;
 // level-0 px, at less than this share of its depth. Not swept. Larger values excuse more misses, wrong poses' too.
 constexpr float kMaxOccluderDistance_px = 25.0f;
 constexpr float kMaxOccluderDepthRatio = 0.85f;
+// Time after which inliers must still be in view to count as held, s: a new corner serves the pose after about this
+// time, at 15 frames/s. Not swept.
+constexpr float kHeldAhead_s = 0.5f;
 // Radius of the search, pixels of the level searched: of every frame [phone 4], and of the coarse stage of a wide
 // search. The wide radius is not swept.
 constexpr float kRadius_px = 4.0f, kWideRadius_px = 7.0f;
 
 TrackingQuality quality_of(const MapMatch& match) {
-  if (!match.pose.ok || match.attempted <= 0) return TrackingQuality::kBad;
-  const float fraction = static_cast<float>(match.pose.inliers) / static_cast<float>(match.attempted);
-  if (fraction >= kGoodFraction && match.pose.inliers >= kGoodInliers) return TrackingQuality::kGood;
-  if (fraction >= kPoorFraction && match.pose.inliers >= kPoorInliers) return TrackingQuality::kPoor;
+  const int searched = match.attempted + match.partial_rows;
+  const int inliers = match.inliers + match.partial_inliers;
+  if (!match.pose.ok || searched <= 0) return TrackingQuality::kBad;
+  const float fraction = static_cast<float>(inliers) / static_cast<float>(searched);
+  if (fraction >= kGoodFraction && inliers >= kGoodInliers) return TrackingQuality::kGood;
+  if (fraction >= kPoorFraction && inliers >= kPoorInliers) return TrackingQuality::kPoor;
   return TrackingQuality::kBad;
 }
 
 }  // namespace
 
-// Rows of the pose update: the attempts that found something, in their order.
+// Rows of the pose update: the map points that were found, then the partial points that serve, in their order.
 struct MapMatching::Rows final : PoseRows {
-  Rows(const MapMatching& matching, int found) : matching_(matching), found_(found) {}
-  int count() const override { return found_; }
+  Rows(const MapMatching& matching, std::span<const PartialAttempt> partials)
+      : matching_(matching), partials_(partials) {}
+  int count() const override {
+    int count = 0;
+    for (const Attempt& attempt : matching_.attempts_) count += attempt.found();
+    for (const PartialAttempt& partial : partials_) count += partial.serves();
+    return count;
+  }
   void linearise(const SE3& T_cw, const Vector6f& velocity, std::span<PoseRow> rows) const override {
+    const Camera& camera = matching_.config_.camera;
     size_t i = 0;
     for (const Attempt& attempt : matching_.attempts_)
       if (attempt.found() && i < rows.size())
-        rows[i++].set_point(matching_.config_.camera, T_cw, velocity, matching_.map_.points()[attempt.point].p_w,
-                            attempt.at);
+        rows[i++].set_point(camera, T_cw, velocity, matching_.map_.points()[attempt.point].p_w, attempt.at);
+    for (const PartialAttempt& partial : partials_)
+      if (partial.serves() && i < rows.size()) partial.set_row(camera, T_cw, velocity, &rows[i++]);
   }
 
  private:
   const MapMatching& matching_;
-  int found_;
+  std::span<const PartialAttempt> partials_;
 };
 
 MapMatching::MapMatching(Arena& arena, const Config& config, Map& map, WorkMeter& meter)
@@ -55,7 +69,8 @@ MapMatching::MapMatching(Arena& arena, const Config& config, Map& map, WorkMeter
       selection_(arena, config, meter),
       attempts_(arena, config.max_measured_points),
       finder_(map, config.camera, meter),
-      pose_(arena, config.max_measured_points, config.camera.shutter.line_time_s != 0, meter) {}
+      pose_(arena, config.max_measured_points + config.max_partial_searches, config.camera.shutter.line_time_s != 0,
+            meter) {}
 
 MapMatch MapMatching::match(const Pyramid& pyramid, const MotionModel& motion, Search search, const SE3& T_first) {
   SE3 T_start = T_first;
@@ -81,17 +96,34 @@ MapMatch MapMatching::match(const Pyramid& pyramid, const MotionModel& motion, S
 MapMatch MapMatching::search_and_update(const Pyramid& pyramid, const SE3& T_start, const VelocityPrior& prior,
                                         const SearchOptions& options) {
   search(pyramid, T_start, prior, options);
+  return solve(T_start, prior, {});
+}
+
+MapMatch MapMatching::join(std::span<const PartialAttempt> partials, const MotionModel& motion, const SE3& T_start) {
+  for (Attempt& attempt : attempts_) {
+    if (attempt.outcome == Attempt::Outcome::kInlier) attempt.outcome = Attempt::Outcome::kOutlier;
+    if (attempt.outcome == Attempt::Outcome::kHidden) attempt.outcome = Attempt::Outcome::kMissed;
+  }
+  return solve(T_start, motion.prior(T_start), partials);
+}
+
+MapMatch MapMatching::solve(const SE3& T_start, const VelocityPrior& prior, std::span<const PartialAttempt> partials) {
   MapMatch match;
   match.visible = selection_.visible();
   for (const Attempt& attempt : attempts_) {
     match.attempted += attempt.searched();
     match.found += attempt.found();
   }
-  match.pose = pose_.run(T_start, prior, Rows(*this, match.found));
+  for (const PartialAttempt& partial : partials) match.partial_rows += partial.serves();
+  match.pose = pose_.run(T_start, prior, Rows(*this, partials));
   if (match.pose.ok) {
     const PoseRow* row = pose_.rows().data();
-    for (Attempt& attempt : attempts_)
-      if (attempt.found() && (row++)->weight > 0) attempt.outcome = Attempt::Outcome::kInlier;
+    for (Attempt& attempt : attempts_) {
+      if (!attempt.found() || (row++)->weight == 0) continue;
+      attempt.outcome = Attempt::Outcome::kInlier;
+      ++match.inliers;
+    }
+    match.partial_inliers = match.pose.inliers - match.inliers;
     match.attempted -= mark_occluded_points(match.pose.T_cw);
   }
   match.quality = quality_of(match);
@@ -156,6 +188,18 @@ float MapMatching::mean_depth(const SE3& T_cw, float without) const {
     ++count;
   }
   return count > 0 ? sum / static_cast<float>(count) : without;
+}
+
+int MapMatching::held(const MotionModel& motion) const {
+  const SE3 T_ahead = SE3::exp(motion.last_motion() * kHeldAhead_s) * motion.T_cw();
+  int held = 0;
+  for (const Attempt& attempt : attempts_) {
+    Vector2f px;
+    held += attempt.outcome == Attempt::Outcome::kInlier &&
+            config_.camera.project(T_ahead * map_.points()[attempt.point].p_w, &px) &&
+            config_.camera.in_image(px, kSearchBorder_px);
+  }
+  return held;
 }
 
 float MapMatching::reprojection_px() const {

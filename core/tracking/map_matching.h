@@ -7,6 +7,7 @@
 #include "camera/motion_model.h"
 #include "map/map.h"
 #include "map/patch_search.h"
+#include "tracking/depth_filter.h"
 #include "tracking/point_selection.h"
 
 namespace pptam {
@@ -31,15 +32,18 @@ struct Attempt {
 
 struct MapMatch {
   PoseUpdate pose;
-  int visible = 0;    // map points expected in the image, from which the searched ones were chosen
-  int attempted = 0;  // points searched, without those that are hidden
-  int found = 0;      // points found, outliers too
+  int visible = 0;          // map points expected in the image, from which the searched ones were chosen
+  int attempted = 0;        // points searched, without those that are hidden
+  int found = 0;            // points found, outliers too
+  int inliers = 0;          // points that the pose agrees with
+  int partial_rows = 0;     // partial points that took part in the pose
+  int partial_inliers = 0;  // those that it agrees with
   TrackingQuality quality = TrackingQuality::kBad;
 
   void report(TrackResult* result) const {
     result->points_attempted = attempted;
     result->points_found = found;
-    result->points_inliers = pose.inliers;
+    result->points_inliers = inliers;
   }
 };
 
@@ -54,10 +58,13 @@ class MapMatching {
   }
   // Begins at T_start in place of the predicted pose.
   MapMatch match(const Pyramid& pyramid, const MotionModel& motion, Search search, const SE3& T_start);
+  // The pose of the last match's measurements together with those of partial points, begun at T_start.
+  MapMatch join(std::span<const PartialAttempt> partials, const MotionModel& motion, const SE3& T_start);
 
   // Results of the last match.
   std::span<const Attempt> attempts() const { return attempts_; }
   float mean_depth(const SE3& T_cw, float without) const;  // of the inliers, world units; `without` if there are none
+  int held(const MotionModel& motion) const;               // inliers that will still be in view in half a second
   float reprojection_px() const;                           // rms error of an inlier's coordinate, level-0 pixels
   int capacity() const { return selection_.capacity(); }
   void forget() { attempts_.clear(); }
@@ -69,6 +76,7 @@ class MapMatching {
   MapMatch search_and_update(const Pyramid& pyramid, const SE3& T_start, const VelocityPrior& prior,
                              const SearchOptions& options);
   void search(const Pyramid& pyramid, const SE3& T_start, const VelocityPrior& prior, const SearchOptions& options);
+  MapMatch solve(const SE3& T_start, const VelocityPrior& prior, std::span<const PartialAttempt> partials);
   int mark_occluded_points(const SE3& T_cw);
 
   const Config& config_;

@@ -13,8 +13,8 @@ constexpr int kComparisonsPerRotationPixel = 20;
 
 }  // namespace
 
-RelocalisationCandidate propose_pose(const Map& map, FullFrameRotation& full_frame_rotation, const GreyView& small,
-                                     int attempt, WorkMeter& meter) {
+RelocalisationCandidate propose_pose(const Map& map, FullFrameRotation& full_frame_rotation, bool lamp_bands,
+                                     const GreyView& small, int attempt, WorkMeter& meter) {
   RelocalisationCandidate candidate;
   const int parts = (map.keyframes().size() + kComparedKeyframes - 1) / kComparedKeyframes;
   if (parts == 0) return candidate;
@@ -40,7 +40,7 @@ RelocalisationCandidate propose_pose(const Map& map, FullFrameRotation& full_fra
   }
   const Keyframe& keyframe = map.keyframes()[best];
   const RotationEstimate rotation =
-      full_frame_rotation.estimate(keyframe.small, small, Matrix3f::Identity(), Vector3f::Zero());
+      full_frame_rotation.estimate(keyframe.small, small, Matrix3f::Identity(), Vector3f::Zero(), lamp_bands);
   meter.charge(Work::kRotationPixel, static_cast<int64_t>(rotation.iterations) * small.width * small.height);
   if (!rotation.near) return candidate;  // `near`: the rotation left over is within the tracker's wide search
   candidate.keyframe = best;

@@ -22,7 +22,7 @@ constexpr int kRelocalisationRanks = 3;  // best keyframes among these that are 
 // One attempt, counted from 0 since the camera was lost. It compares up to kComparedKeyframes keyframes and aligns the
 // rotation of one of the best by zero-mean sum of squared differences. Successive attempts take the next best, then the
 // next keyframes, then the first ones again. keyframe = -1 when there are not that many or the rotation does not align.
-RelocalisationCandidate propose_pose(const Map& map, FullFrameRotation& full_frame_rotation, const GreyView& small,
-                                     int attempt, WorkMeter& meter);
+RelocalisationCandidate propose_pose(const Map& map, FullFrameRotation& full_frame_rotation, bool lamp_bands,
+                                     const GreyView& small, int attempt, WorkMeter& meter);
 
 }  // namespace pptam

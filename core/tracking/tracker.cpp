@@ -18,6 +18,12 @@ constexpr int kFramesToConfirm = 2;
 // interval makes the motion between the two slow. Not swept.
 constexpr float kRelocalisedInterval_s = 1.0f;
 
+// Inliers from which on map points alone give the pose, and partial points do not take part. Not swept.
+constexpr int kEnoughInliers = 30;
+// Error of the pose in the image, pixels of the level searched, where map points gave it, and where it is predicted.
+// Not swept.
+constexpr float kPlacedMargin_px = 2.0f, kPredictedMargin_px = 4.0f;
+
 }  // namespace
 
 Tracker::Tracker(Arena& arena, const Config& config, Map& map, WorkMeter& meter, Initialiser* initialiser)
@@ -25,9 +31,9 @@ Tracker::Tracker(Arena& arena, const Config& config, Map& map, WorkMeter& meter,
       map_(map),
       meter_(meter),
       frame_(arena, config.camera.model, meter),
-      full_frame_rotation_(arena, config.camera.model),
+      full_frame_rotation_(arena, config.camera),
       matching_(arena, config, map, meter),
-      depth_filter_(config, map, meter),
+      depth_filter_(arena, config, map, meter),
       keyframe_policy_(config, map, meter),
       initialiser_(initialiser),
       start_trigger_(config),
@@ -46,6 +52,7 @@ void Tracker::reset() {
   hint_ = config_.auto_start ? Hint::kHoldStill : Hint::kTap;
   start_trigger_.reset();
   motion_.forget();
+  last_ = TrackResult();
   confirmed_ = 0;
 }
 
@@ -61,6 +68,7 @@ void Tracker::follow_map() {
   Similarity S;
   if (!map_.take_transform(&S)) return;
   motion_.apply(S);
+  last_.T_cw = S.moved(last_.T_cw);
   still_camera_.apply(motion_.T_cw());
 }
 
@@ -76,10 +84,13 @@ TrackResult Tracker::track(const Frame& frame, const Clock* clock) {
   result.timestamp_ns = frame.timestamp_ns;
   clock_ = clock;
   if (clock_) stage_start_ns_ = clock_->now_ns();
+  // Where there is no pose a repeated picture is tried again: a start or the relocaliser may have more luck with it.
+  if (!frame_.take(frame, last_.pose_valid)) {
+    mark_stage(Stage::kPyramid, &result);
+    return repeated(result);
+  }
   observed_.clear();
   matching_.forget();
-
-  frame_.take(frame);
   if (frame_.dt_s() > kMaxGap_s) motion_.stop();
   mark_stage(Stage::kPyramid, &result);
 
@@ -109,6 +120,22 @@ TrackResult Tracker::track(const Frame& frame, const Clock* clock) {
   result.erased_keyframes = map_.erased_count();
   result.map_points = map_.point_count();
   if (result.points.empty()) result.points = observed_;
+  last_ = result;
+  return result;
+}
+
+// The last picture once more, as from a recorder that stalls or at a lower rate than its times say: it has the last
+// picture's pose, and the motion model learns nothing from it.
+TrackResult Tracker::repeated(TrackResult result) {
+  follow_map();
+  const TrackResult taken = result;
+  result = last_;
+  result.timestamp_ns = taken.timestamp_ns;
+  std::copy_n(taken.stage_ns, kStages, result.stage_ns);
+  result.state = state_;
+  result.hint = hint_;
+  result.repeated = true;
+  result.keyframe_added = false;
   return result;
 }
 
@@ -123,7 +150,9 @@ void Tracker::predict() {
   }
   const GreyImage& small = frame_.small();
   const RotationEstimate rotation = full_frame_rotation_.estimate(
-      frame_.previous_small(), small, motion_.expected_motion().R, motion_.expected_shift());
+      frame_.previous_small(), small, motion_.expected_motion().R, motion_.expected_shift(), lamp_bands_.seen());
+  lamp_bands_.note(rotation.line_share);
+  if (lamp_bands_.seen()) frame_.set_lamp_lines(full_frame_rotation_.lines());
   meter_.charge(Work::kRotationPixel, static_cast<int64_t>(rotation.iterations) * small.width * small.height);
   motion_.turn(&rotation);
 }
@@ -133,9 +162,10 @@ void Tracker::track_with_map(TrackResult* result) {
   const float blur_px = motion_.image_speed() * config_.camera.model.fx * config_.exposure_s;
   const bool blurred = blur_px > kBlurLimit_px;
   const Search search = blurred ? Search::kBlurred : motion_.missed() > 0 ? Search::kWide : Search::kNormal;
-  MapMatch match = matching_.match(frame_.pyramid(), motion_, search);
+  const bool with_partials = map_.ready() && !map_.locked() && confirmed_ == 0;
+  MapMatch match = this->match(search, with_partials);
   if (search == Search::kNormal && match.quality == TrackingQuality::kBad)
-    match = matching_.match(frame_.pyramid(), motion_, Search::kWide);
+    match = this->match(Search::kWide, with_partials);
   matching_.report(&observed_);
   mark_stage(Stage::kSearch, result);
 
@@ -151,6 +181,25 @@ void Tracker::track_with_map(TrackResult* result) {
   } else {
     accept(match, blurred, result);
   }
+}
+
+// Map points give the pose. Partial points are searched from there, or from the prediction when there is none, as many
+// as map points are lacking; where those are few the pose is found anew from both kinds.
+MapMatch Tracker::match(MapMatching::Search search, bool with_partials) {
+  MapMatch match = matching_.match(frame_.pyramid(), motion_, search);
+  depth_filter_.forget();
+  if (!with_partials) return match;
+  const bool placed = match.quality != TrackingQuality::kBad;
+  DepthFilter::Start start;
+  start.T_cw = placed ? match.pose.T_cw : motion_.T_predicted();
+  start.velocity = placed ? match.pose.velocity : motion_.prior().mean;
+  start.mean_depth = placed ? matching_.mean_depth(start.T_cw, motion_.mean_depth()) : motion_.mean_depth();
+  start.margin_px = placed ? kPlacedMargin_px : kPredictedMargin_px;
+  start.level = search == MapMatching::Search::kBlurred ? config_.coarse_search_level : config_.search_level;
+  start.count = config_.max_partial_searches + matching_.capacity() - static_cast<int>(matching_.attempts().size());
+  depth_filter_.search(frame_.pyramid(), start);
+  if (match.inliers >= kEnoughInliers) return match;
+  return matching_.join(depth_filter_.attempts(), motion_, start.T_cw);
 }
 
 void Tracker::miss() {
@@ -184,15 +233,16 @@ void Tracker::accept(const MapMatch& match, bool blurred, TrackResult* result) {
     state_ = TrackingState::kInitialising;
     result->progress = 1;
   }
-  // The map takes nothing from blurred frames, nor from frames of less than good quality.
-  if (match.quality != TrackingQuality::kGood || blurred) return;
+  // The map takes nothing from blurred frames. It does from those of poor quality: few points that agree constrain a
+  // pose whatever was not found, and a map that does not grow there starves.
+  if (blurred) return;
   const bool fixed = map_.ready() && map_.locked();
   if (!fixed) matching_.count_searches();
   mark_stage(Stage::kPose, result);
   if (!map_.ready() || fixed) return;
-  depth_filter_.update(frame_.pyramid(), motion_, &observed_, result);
+  depth_filter_.update(motion_, &observed_, result);
   mark_stage(Stage::kPartial, result);
-  if (!keyframe_policy_.wants(frame_.timestamp_ns(), motion_, match.visible)) return;
+  if (!keyframe_policy_.wants(frame_.timestamp_ns(), motion_, matching_.held(motion_))) return;
   keyframe_policy_.hold(frame_, motion_, matching_.attempts());
   result->keyframe_added = true;
   mark_stage(Stage::kKeyframe, result);
@@ -201,7 +251,7 @@ void Tracker::accept(const MapMatch& match, bool blurred, TrackResult* result) {
 void Tracker::relocalise(TrackResult* result) {
   motion_.stop();
   const RelocalisationCandidate candidate =
-      propose_pose(map_, full_frame_rotation_, frame_.small(), relocalise_attempt_++, meter_);
+      propose_pose(map_, full_frame_rotation_, lamp_bands_.seen(), frame_.small(), relocalise_attempt_++, meter_);
   mark_stage(Stage::kInitialise, result);
   if (candidate.keyframe < 0) return;
   motion_.start_guess(map_.keyframes()[candidate.keyframe].mean_depth);

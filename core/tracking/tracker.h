@@ -5,9 +5,10 @@
 //      ▲                          │ first view lost, map discarded   │ three bad frames       │
 //      └──────────────────────────┘                                  └──────▶ kLost ──────────┘
 //
-// FrameInput ─▶ MotionModel, FullFrameRotation ─▶ MapMatching ─▶ StillCamera ─▶ TrackResult. With a good pose also
-// DepthFilter and KeyframePolicy; without a map the initialiser; when lost the relocaliser. In the map the tracker
-// changes search statistics, partial points' depths and the queue of new keyframes. Bounded time; runs to completion.
+// FrameInput ─▶ MotionModel, FullFrameRotation ─▶ MapMatching with DepthFilter's partial points ─▶ StillCamera
+// ─▶ TrackResult. In sharp frames also KeyframePolicy; without a map the initialiser; when lost the relocaliser. In the
+// map the tracker changes search statistics, partial points' depths and the queue of new keyframes. Bounded time; runs
+// to completion.
 #pragma once
 
 #include <pocket_ptam/clock.h>
@@ -37,10 +38,12 @@ class Tracker {
  private:
   void predict();
   void track_with_map(TrackResult* result);
+  MapMatch match(MapMatching::Search search, bool with_partials);
   void accept(const MapMatch& match, bool blurred, TrackResult* result);
   void miss();
   void relocalise(TrackResult* result);
   void track_initialiser(TrackResult* result);
+  TrackResult repeated(TrackResult result);
   void mark_stage(Stage stage, TrackResult* result);
 
   const Config& config_;
@@ -51,6 +54,7 @@ class Tracker {
 
   FrameInput frame_;
   FullFrameRotation full_frame_rotation_;
+  LampBands lamp_bands_;
   MotionModel motion_;
   MapMatching matching_;
   StillCamera still_camera_;
@@ -60,6 +64,7 @@ class Tracker {
   StartTrigger start_trigger_;
   FixedVector<ObservedPoint> observed_;
 
+  TrackResult last_;  // of the last picture that was not a repeated one
   TrackingState state_ = TrackingState::kWaiting;
   Hint hint_ = Hint::kTap;
   int confirmed_ = 0;           // good frames in a row since a relocalisation; 0 when none is being confirmed

@@ -179,7 +179,7 @@ void write_colmap(const LoadedMap& map, OutputFolder* folder) {
               tracks[point.id] + "\n";
   }
   folder->write("points3D.txt", points);
-  folder->finish();
+  folder->finish("images/");
 }
 
 void print_map_info(const std::filesystem::path& file) {

@@ -97,7 +97,14 @@ const Trial* best_of(const std::vector<Trial>& trials) {
   return best;
 }
 
-// Prints each trial and what to write for --readout. False when too few trials gave a map.
+// Whether the recording was whole; all trials read the same one.
+bool report_trouble(const Trial& best) {
+  if (best.trouble.empty()) return true;
+  print_error(best.trouble + "; what came before it was tracked");
+  return false;
+}
+
+// Prints each trial and what to write for --readout. False when too few trials gave a map, or the recording broke off.
 bool find_readout(const ReadoutOptions& options) {
   std::vector<std::string> warnings;
   const double frames_per_s = options.input.open(options.recording, &warnings)->info().frames_per_s;
@@ -149,11 +156,11 @@ bool find_readout(const ReadoutOptions& options) {
   for (const Trial& trial : trials) {
     if (trial.seconds == 0 && best->reprojection_px > kWorthSaying * trial.reprojection_px) {
       std::printf("\nno shutter fits clearly better than a global one: move faster, in all directions\n");
-      return true;
+      return report_trouble(*best);
     }
   }
   std::printf("\nbest: --readout %s, to about %.1f ms\n", option_for(*best).c_str(), 1000 * step_s);
-  return true;
+  return report_trouble(*best);
 }
 
 struct ReadoutChoice {

@@ -14,6 +14,7 @@
 #include "platform/text.h"
 #include "sim_phone/laboratory/culling_study.h"
 #include "sim_phone/laboratory/endurance.h"
+#include "sim_phone/laboratory/harsh_study.h"
 #include "sim_phone/laboratory/judgement.h"
 #include "sim_phone/laboratory/start_study.h"
 #include "sim_phone/laboratory/suite.h"
@@ -30,9 +31,10 @@ using namespace platform;
 struct SimChoice {
   std::vector<std::string> stories, scenes;
   sim::PhoneOptions phone;
-  std::optional<double> duration_s, exposure_s, drop_probability;  // without them a story's own hold
+  std::optional<double> duration_s, exposure_s, drop_probability, frames_per_s;  // without them a story's own hold
   std::string readout;
   bool no_noise = false;
+  std::vector<std::string> harsh;
   std::string dump;
 };
 
@@ -67,7 +69,7 @@ CLI::Option* add_sequence_options(CLI::App* sim, SimChoice* chosen) {
   CLI::Option* story =
       add_repeatable(sim, "--story", &chosen->stories, "One of the stories below; may be repeated with --suite");
   add_repeatable(sim, "--scene", &chosen->scenes,
-                 one_of(sim::scene_names()) + "; may be repeated with --suite and --study culling [desk]");
+                 one_of(sim::scene_names()) + "; may be repeated with --suite and --study culling or harsh [desk]");
   std::vector<std::string> motions = sim::motion_names();
   for (const std::string& name : sim::start_names()) motions.push_back(name);
   sim->add_option("--motion", phone.motion, one_of(motions))->capture_default_str()->type_name("NAME")->excludes(story);
@@ -81,8 +83,14 @@ CLI::Option* add_sequence_options(CLI::App* sim, SimChoice* chosen) {
       ->type_name("SECONDS");
   sim->add_option("--readout", chosen->readout, "Rolling shutter, rows|columns:+|-:SECONDS [columns:-:0.060]");
   sim->add_option("--exposure", chosen->exposure_s, "Exposure time [0.03, or the story's]")->type_name("SECONDS");
-  sim->add_option("--fps", phone.frames_per_s, "Frames per second")->capture_default_str()->type_name("N");
+  sim->add_option("--fps", chosen->frames_per_s, "Frames per second [15, or the story's]")->type_name("N");
   sim->add_flag("--no-noise", chosen->no_noise, "An ideal sensor");
+  sim->add_option("--harsh", chosen->harsh,
+                  "What makes real pictures hard: NAME or NAME:VALUE of the causes below, or all; several with commas")
+      ->delimiter(',')
+      ->expected(1)
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
+      ->type_name("NAME[:VALUE]");
   sim->add_option("--drop", chosen->drop_probability, "Probability that the camera drops a frame [0, or the story's]")
       ->type_name("P");
   sim->add_option("--dump", chosen->dump, "Only write the sequence, in TUM layout")->type_name("DIR");
@@ -96,7 +104,7 @@ void add_laboratory_options(CLI::App* sim, CLI::Option* story, ChosenStudies* ch
       sim->add_option(
              "--study", chosen->study,
              "init: many short starts of several kinds, as a table and plots; culling: exploring runs with and without "
-             "culling of keyframes, as a table")
+             "culling of keyframes, as a table; harsh: exploring runs with each cause of --harsh alone, and with all")
           ->type_name("NAME")
           ->excludes(suite);
   add_repeatable(sim, "--kind", &chosen->kinds,
@@ -135,18 +143,23 @@ void add_laboratory_options(CLI::App* sim, CLI::Option* story, ChosenStudies* ch
 std::string footer() {
   std::string text = "Stories:\n";
   for (const sim::StoryKind& kind : sim::stories()) text += format("  %-16s %s\n", kind.name, kind.says);
+  text += "Causes of --harsh:\n";
+  for (const sim::Cause& cause : sim::causes())
+    text += format("  %-16s %s [%g]\n", cause.name, cause.says, cause.usual);
   return text +
          "Examples:\n"
          "  pocket-ptam sim --scene boxes --seed 3 --out out/boxes3\n"
          "  pocket-ptam sim --story shake --seed 2\n"
          "  pocket-ptam sim --readout rows:+:0.030 --fps 30   another phone's shutter\n"
          "  pocket-ptam sim --dump /tmp/desk                  a sequence for other programs\n"
+         "  pocket-ptam sim --harsh people,flicker:0.3 --exposure 0.004\n"
          "  pocket-ptam sim --save-map desk.map\n"
          "  pocket-ptam sim --load-map desk.map --lock-map --seed 2 --scene-seed 1\n"
          "  pocket-ptam sim --suite --seeds 5 --jobs 2 --compare\n"
          "  pocket-ptam sim --suite --story orbit --story zoom --seeds 20\n"
          "  pocket-ptam sim --study init --seeds 20 --jobs 2\n"
          "  pocket-ptam sim --study culling --scene desk --scene walls --seeds 50 --jobs 2\n"
+         "  pocket-ptam sim --study harsh --seeds 5 --jobs 2\n"
          "  pocket-ptam sim --endurance 60 --scene desk --twice";
 }
 
@@ -168,12 +181,13 @@ class SimCommand {
     if ((many_runs || !chosen_.dump.empty()) && (run_.save_map || run_.lock_map || !run_.load_map.empty()))
       throw InputError("--load-map, --save-map and --lock-map belong to a single run");
     if (studies_.suite) return run_suite();
-    if (chosen_.stories.size() + chosen_.scenes.size() > 1 && studies_.study != "culling")
+    if (chosen_.stories.size() + chosen_.scenes.size() > 1 && studies_.study != "culling" && studies_.study != "harsh")
       throw InputError("several --story or --scene belong to --suite");
     choose_sequence();
     if (studies_.study == "culling") return run_culling_study();
+    if (studies_.study == "harsh") return run_harsh_study();
     if (studies_.study == "init") return run_start_study();
-    if (!studies_.study.empty()) throw InputError("--study " + studies_.study + ": there are init and culling");
+    if (!studies_.study.empty()) throw InputError("--study " + studies_.study + ": there are init, culling and harsh");
     if (studies_.many) throw InputError("--seeds and --jobs belong to --suite or --study");
     if (studies_.endurance_minutes) return run_endurance();
     return run_once();
@@ -189,6 +203,7 @@ class SimCommand {
       phone.readout_s = parsed.seconds;
     }
     phone.noise = !chosen_.no_noise;
+    if (chosen_.frames_per_s) phone.frames_per_s = *chosen_.frames_per_s;
     adjust(&phone);
   }
 
@@ -196,14 +211,17 @@ class SimCommand {
     if (chosen_.duration_s) phone->duration_s = *chosen_.duration_s;
     if (chosen_.exposure_s) phone->exposure_s = *chosen_.exposure_s;
     if (chosen_.drop_probability) phone->drop_probability = *chosen_.drop_probability;
+    sim::add_harshness(chosen_.harsh, &phone->harsh);
   }
 
   void adjust_story(sim::PhoneOptions* phone) const {
     adjust(phone);
-    phone->readout_axis = chosen_.phone.readout_axis;
-    phone->readout_s = chosen_.phone.readout_s;
+    if (!chosen_.readout.empty()) {
+      phone->readout_axis = chosen_.phone.readout_axis;
+      phone->readout_s = chosen_.phone.readout_s;
+    }
     phone->noise = chosen_.phone.noise;
-    phone->frames_per_s = chosen_.phone.frames_per_s;
+    if (chosen_.frames_per_s) phone->frames_per_s = *chosen_.frames_per_s;
   }
 
   // The scene or the story of all but the suite.
@@ -238,7 +256,9 @@ class SimCommand {
     if (chosen_.exposure_s) options.repeat_options += format(" --exposure %g", *chosen_.exposure_s);
     if (chosen_.drop_probability) options.repeat_options += format(" --drop %g", *chosen_.drop_probability);
     if (!chosen_.readout.empty()) options.repeat_options += " --readout " + chosen_.readout;
+    if (chosen_.frames_per_s) options.repeat_options += format(" --fps %g", *chosen_.frames_per_s);
     if (chosen_.no_noise) options.repeat_options += " --no-noise";
+    for (const std::string& cause : chosen_.harsh) options.repeat_options += " --harsh " + cause;
     return laboratory::run_suite(options) == 0 ? kExitOk : kExitBroken;
   }
 
@@ -251,6 +271,16 @@ class SimCommand {
     if (!chosen_.duration_s) options.phone.duration_s = 60;
     options.run = run_;
     return laboratory::run_culling_study(options) ? kExitOk : kExitBroken;
+  }
+
+  int run_harsh_study() const {
+    laboratory::HarshStudyOptions options;
+    options.scenes = chosen_.scenes;
+    options.seeds = studies_.seeds;
+    options.jobs = studies_.jobs;
+    options.phone = chosen_.phone;
+    options.run = run_;
+    return laboratory::run_harsh_study(options) ? kExitOk : kExitBroken;
   }
 
   int run_start_study() const {
@@ -276,8 +306,7 @@ class SimCommand {
   int run_once() const {
     const sim::PhoneOptions& phone = chosen_.phone;
     sim::check_phone_options(phone);
-    const auto scene =
-        std::make_shared<const sim::Scene>(sim::make_scene(phone.scene, phone.scene_seed.value_or(phone.seed)));
+    const auto scene = std::make_shared<const sim::Scene>(sim::make_scene(phone));
     const std::unique_ptr<platform::Camera> camera = sim::make_phone_camera(phone, scene);
     if (!chosen_.dump.empty()) return dump(*camera);
     Knowledge knowledge;
@@ -294,18 +323,20 @@ class SimCommand {
 
   int dump(platform::Camera& camera) const {
     int frames = 0;
+    bool begun = false;
     std::string broken;
     try {
       Progress progress;
       dump_sequence(camera, chosen_.dump, [&](int done, int total) {
-        if (done == 1) stop_on_signals();
+        if (!begun) stop_on_signals();
+        begun = true;
         frames = done;
-        progress.show(done, total, "written");
+        if (done > 0) progress.show(done, total, "written");
         return !interrupted();
       });
       broken = interruption();
     } catch (const InputError& error) {
-      if (frames == 0) throw;
+      if (!begun) throw;
       broken = error.what();
     }
     print_line(format("%d images written to ", frames) + chosen_.dump);

@@ -49,6 +49,11 @@ constexpr const char* kVideo = "overlay.mp4";
 const std::vector<std::string> kOutputs = {"trajectory.txt", "keyframes.txt", "map.ply",     "frames.csv",
                                            "report.html",    kVideo,          "overlay.png", "start.png"};
 
+bool is_sound_map(std::span<const std::byte> content) {
+  MapInfo info;
+  return System::map_info(content, &info).ok();
+}
+
 // All that is checked before the first frame. Nothing is changed by it.
 void check_map(const RunOptions& run, const OutputOptions& output, const std::filesystem::path& folder,
                const Knowledge& knowledge) {
@@ -58,10 +63,7 @@ void check_map(const RunOptions& run, const OutputOptions& output, const std::fi
   Inputs inputs = knowledge.inputs;
   inputs.add("the map of --load-map", run.load_map);
   const std::string option = "--save-map";
-  check_output_file(option, output.save_map, inputs, "a sound map", [](std::span<const std::byte> content) {
-    MapInfo info;
-    return System::map_info(content, &info).ok();
-  });
+  check_output_file(option, output.save_map, inputs, "a sound map", is_sound_map);
   for (const char* name : {"", OutputFolder::kListName}) {
     if (same_place(folder / name, output.save_map) || same_place(folder, output.save_map))
       throw InputError(option + " " + output.save_map + ": is taken by --out " + folder.string());
@@ -123,8 +125,8 @@ RunLog run_and_show(platform::Camera& camera, const RunOptions& run_options, con
       camera, run_options,
       [&](const CameraInfo& info) {
         folder.prepare();
+        stop_on_signals();  // first: the overlay's encoder is to be ended like the rest
         if (!output.no_overlay) *show = std::make_unique<Show>(info, folder, warnings);
-        stop_on_signals();
       },
       [&](const Frame& frame, const TrackResult& result, const RunLog& so_far) {
         const FrameLog& entry = so_far.frames.back();
@@ -195,6 +197,7 @@ bool write_essentials(const RunLog& log, const OutputOptions& output, OutputFold
   bool map_saved = false;
   if (!log.saved_map.empty()) {
     attempt([&] {
+      judge_output_file("--save-map", output.save_map, {}, "a sound map", is_sound_map);  // may have come meanwhile
       write_atomically(output.save_map, log.saved_map);
       map_saved = true;
     });

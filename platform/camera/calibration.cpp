@@ -26,7 +26,8 @@ constexpr double kMaxSwappedOffset = 0.04;  // likewise, where width and height 
 constexpr double kMinSwappedOffset = 0.08;  // likewise, before that is thought of
 
 // What the model's own check would only call invalid, and what is valid but hardly meant.
-void check_plausible(const CameraModel& model, const std::string& file, std::vector<std::string>* warnings) {
+void check_plausible(const CameraModel& model, const std::string& file, double pixel_aspect,
+                     std::vector<std::string>* warnings) {
   const auto fail = [&](const std::string& what) { throw InputError("calibration " + file + ": " + what); };
   const auto warn = [&](const std::string& what) {
     if (warnings) warnings->push_back("calibration " + file + ": " + what);
@@ -68,7 +69,9 @@ void check_plausible(const CameraModel& model, const std::string& file, std::vec
   }
   if (focal > kMaxFocalFraction * longer)
     warn(format("fx = %.6g is very long for images of ", double{model.fx}) + size + ": is it in pixels?");
-  if (focal > kMaxFocalRatio * std::min(model.fx, model.fy)) {
+  const double aspect = model.fy / model.fx;
+  const auto differs = [aspect](double other) { return std::max(aspect / other, other / aspect) > kMaxFocalRatio; };
+  if (differs(1) && differs(pixel_aspect) && differs(1 / pixel_aspect)) {  // the last: of turned images
     warn(format("fx = %.6g and fy = %.6g differ by over 20 %%: are the pixels that far from square?", double{model.fx},
                 double{model.fy}));
   }
@@ -121,21 +124,23 @@ std::vector<std::byte> bytes_of(const std::filesystem::path& file) {
 
 }  // namespace
 
-Calibration read_calibration(const std::filesystem::path& file, std::vector<std::string>* warnings) {
-  return calibration_of(bytes_of(file), file.string(), warnings);
+Calibration read_calibration(const std::filesystem::path& file, std::vector<std::string>* warnings,
+                             double pixel_aspect) {
+  return calibration_of(bytes_of(file), file.string(), warnings, pixel_aspect);
 }
 
-Calibration calibration_of(std::vector<std::byte> bytes, const std::string& name, std::vector<std::string>* warnings) {
+Calibration calibration_of(std::vector<std::byte> bytes, const std::string& name, std::vector<std::string>* warnings,
+                           double pixel_aspect) {
   const std::string text = calibration_text(std::move(bytes), name);
   return with_yaml_errors(name, [&] {
     Calibration calibration;
     if (is_colmap(text)) {
       calibration.model = read_colmap_lens(text, name, warnings);
-      check_plausible(calibration.model, name, warnings);
+      check_plausible(calibration.model, name, pixel_aspect, warnings);
     } else {
       const CalibrationSection camera = first_camera(parse_calibration(text, name, warnings));
       calibration.model = read_lens(camera);
-      check_plausible(calibration.model, name, warnings);
+      check_plausible(calibration.model, name, pixel_aspect, warnings);
       read_shutter(camera, &calibration);
     }
     const Status status = calibration.model.validate();
@@ -149,17 +154,19 @@ Eigen::Isometry3d read_camera_to_body(const std::filesystem::path& file) {
   const std::string text = calibration_text(bytes_of(file), name);
   return with_yaml_errors(name, [&] {
     const CalibrationSection root = parse_calibration(text, name, nullptr);
-    const std::vector<double> data = root.numbers("T_BS");
-    if (data.size() != 16) root.fail("T_BS needs sixteen numbers");
+    const bool kalibr = !root.has("T_BS") && root.has("cam0");
+    const std::string key = kalibr ? "T_cam_imu" : "T_BS";
+    const std::vector<double> data = kalibr ? root.section("cam0").numbers(key) : root.numbers(key);
+    if (data.size() != 16) root.fail(key + " needs sixteen numbers");
     const Eigen::Matrix4d T = Eigen::Map<const Eigen::Matrix<double, 4, 4, Eigen::RowMajor>>(data.data());
     const Eigen::Matrix3d R = T.topLeftCorner<3, 3>();
     // Printed with six digits or more, a rotation is orthogonal to 1e-5.
     const bool rotation = (R * R.transpose() - Eigen::Matrix3d::Identity()).norm() < 1e-3 && R.determinant() > 0;
-    if (!rotation || T.row(3) != Eigen::RowVector4d(0, 0, 0, 1)) root.fail("T_BS is not a rigid motion");
-    Eigen::Isometry3d T_bc = Eigen::Isometry3d::Identity();
-    T_bc.linear() = Eigen::Quaterniond(R).normalized().toRotationMatrix();
-    T_bc.translation() = T.topRightCorner<3, 1>();
-    return T_bc;
+    if (!rotation || T.row(3) != Eigen::RowVector4d(0, 0, 0, 1)) root.fail(key + " is not a rigid motion");
+    Eigen::Isometry3d told = Eigen::Isometry3d::Identity();
+    told.linear() = Eigen::Quaterniond(R).normalized().toRotationMatrix();
+    told.translation() = T.topRightCorner<3, 1>();
+    return kalibr ? told.inverse() : told;
   });
 }
 

@@ -26,13 +26,15 @@ struct Calibration {
 };
 
 // What was assumed, or read but hardly meant, is added to `warnings` unless it is null, a line each that names the
-// file.
-Calibration read_calibration(const std::filesystem::path& file, std::vector<std::string>* warnings);
+// file. pixel_aspect: width of a pixel by its height, as the recording says.
+Calibration read_calibration(const std::filesystem::path& file, std::vector<std::string>* warnings,
+                             double pixel_aspect = 1);
 
 // The same from a file's bytes; `name` stands for the file in messages.
-Calibration calibration_of(std::vector<std::byte> bytes, const std::string& name, std::vector<std::string>* warnings);
+Calibration calibration_of(std::vector<std::byte> bytes, const std::string& name, std::vector<std::string>* warnings,
+                           double pixel_aspect = 1);
 
-// EuRoC's T_BS: camera to body.
+// Camera to body: EuRoC's T_BS, or the inverse of T_cam_imu of Kalibr's first camera.
 Eigen::Isometry3d read_camera_to_body(const std::filesystem::path& file);
 
 // A calibration for want of a better one: pinhole, square pixels, principal point in the centre. fov_degrees is

@@ -132,7 +132,7 @@ CameraModel read_single_keys(const Section& section, const std::string& prefix) 
             section.number(prefix + "cy") - centre, &model);
 
   const std::optional<Distortion> kind =
-      named_distortion(section, {"Camera.type", "Camera.model", "distortion_model", "camera_model", "model", "type"});
+      named_distortion(section, {"Camera.type", "Camera.model", "distortion_model"}, {"camera_model", "model", "type"});
   const auto numbered = [&](std::initializer_list<const char*> names) {
     std::vector<double> list;
     for (const char* name : names) list.push_back(section.number_or_zero(prefix + name));
@@ -240,7 +240,7 @@ CameraModel read_matrix(const Section& section, const MatrixKeys& keys) {
         "the distortion coefficients are missing: if the lens has none, add distortion_coefficients: [0,0,0,0]");
   }
   const std::vector<double> coeffs = section.numbers(keys.coeffs);
-  const std::optional<Distortion> kind = named_distortion(section, {"distortion_model", "camera_model", "model"});
+  const std::optional<Distortion> kind = named_distortion(section, {"distortion_model"}, {"camera_model", "model"});
   if (kind) {
     set_distortion(section, *kind, coeffs, &model);
   } else {

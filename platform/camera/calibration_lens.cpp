@@ -1,6 +1,7 @@
 #include "platform/camera/calibration_lens.h"
 
 #include <algorithm>
+#include <iterator>
 
 namespace pptam::platform {
 namespace {
@@ -10,6 +11,16 @@ constexpr const char* kWayOut =
 
 bool is_zero(double value) {
   return value == 0;
+}
+
+// Lenses that are not supported, by their plain names.
+bool is_other_lens(const std::string& plain) {
+  constexpr const char* kNames[] = {
+      "omni",      "omnidirectional",  "omniradtan", "mei",          "unified",        "doublesphere",   "ds",
+      "eucm",      "extendedunified",  "ucm",        "scaramuzza",   "ocam",           "ocamcalib",      "division",
+      "thinprism", "thinprismfisheye", "rational",   "radtan8",      "pinholeradtan8", "rad8",           "fisheye624",
+      "ftheta",    "stereographic",    "equisolid",  "orthographic", "spherical",      "equirectangular"};
+  return std::find(std::begin(kNames), std::end(kNames), plain) != std::end(kNames);
 }
 
 }  // namespace
@@ -69,10 +80,23 @@ void refuse_distortion(const CalibrationSection& section, const std::string& nam
                " is not supported: use radtan (plumb_bob), equidistant (fisheye), fov or none");
 }
 
-std::optional<Distortion> named_distortion(const CalibrationSection& section,
-                                           std::initializer_list<const char*> names) {
+std::optional<Distortion> named_distortion(const CalibrationSection& section, std::initializer_list<const char*> names,
+                                           std::initializer_list<const char*> weak) {
   std::optional<Distortion> kind;
-  const std::string key = section.any_of(names);
+  std::string key = section.any_of(names);
+  if (key.empty()) {
+    for (const char* name : weak) {
+      const std::string value = section.text_or_empty(name);
+      const std::string plain = plain_name(value);
+      if (distortion_named(value)) {
+        key = name;
+        break;
+      }
+      if (is_other_lens(plain)) refuse_distortion(section, value);
+      if (!value.empty() && plain != "pinhole")
+        section.warn(std::string(name) + ": " + value + " is not a lens model that is known: not regarded");
+    }
+  }
   if (!key.empty() && !section.text(key).empty()) {
     const std::string name = section.text(key);
     kind = distortion_named(name);

@@ -31,8 +31,10 @@ void set_unnamed_distortion(const CalibrationSection& section, const std::vector
 std::optional<Distortion> distortion_named(const std::string& name);
 
 // The value of the first of these keys that is there; OpenCV's samples write `fisheye_model: 1` instead. Nothing where
-// the file does not say.
-std::optional<Distortion> named_distortion(const CalibrationSection& section, std::initializer_list<const char*> names);
+// the file does not say. weak: keys that may also hold a product's name, such as model: GoPro; they count where they
+// name a lens, and a lens that is not supported is refused.
+std::optional<Distortion> named_distortion(const CalibrationSection& section, std::initializer_list<const char*> names,
+                                           std::initializer_list<const char*> weak);
 
 [[noreturn]] void refuse_distortion(const CalibrationSection& section, const std::string& name);
 

@@ -107,6 +107,12 @@ std::string CalibrationSection::text(const std::string& key) const {
   return shown_word(node.Scalar());
 }
 
+std::string CalibrationSection::text_or_empty(const std::string& key) const {
+  const Entry* entry = find(key);
+  const bool word = entry && entry->node.IsScalar() && entry->node.Scalar().size() <= kMaxWordBytes;
+  return word ? shown_word(entry->node.Scalar()) : "";
+}
+
 double CalibrationSection::number(const std::string& key) const {
   return number_of(require(key).node, key);
 }

@@ -13,6 +13,11 @@
 
 namespace pptam::platform {
 
+// What the readers of all languages keep to.
+constexpr size_t kMaxCalibrationListBytes = 2048;  // fourteen coefficients, one a line, have under 1 kB
+constexpr size_t kMaxCalibrationDepth = 64;        // of brackets or elements; calibrations have under 10. Not swept
+constexpr size_t kMaxReasonBytes = 120;            // of a parser's message
+
 // A mapping of keys to values. Keys are found by their spelling or by one that differs in capitals, underlines, hyphens
 // and blanks: camera_matrix is cameraMatrix. Every getter throws InputError naming the file and the key.
 class CalibrationSection {
@@ -31,7 +36,8 @@ class CalibrationSection {
   std::string keys() const;  // the first few as the file spells them, for messages
 
   CalibrationSection section(const std::string& key) const;
-  std::string text(const std::string& key) const;  // one word
+  std::string text(const std::string& key) const;           // one word
+  std::string text_or_empty(const std::string& key) const;  // likewise; empty when there is none or something else
   double number(const std::string& key) const;
   double number_or_zero(const std::string& key) const { return has(key) ? number(key) : 0; }
   // Of a list, a list of lists, or a matrix that has such a list as its `data`.

@@ -82,20 +82,22 @@ void dump_sequence(Camera& camera, const std::filesystem::path& folder,
   }
   make_folder(folder / "rgb");
 
-  write_text_atomically(folder / "calibration.yaml", calibration_text(camera.info()));
   std::string list = "# timestamp filename\n";
   Frame frame;
   int done = 0;
+  const auto more = [&] { return go_on(done, camera.info().frame_count.value_or(done)); };
   std::string trouble;
   try {
-    while (camera.read(&frame)) {
+    const bool begun = more();
+    write_text_atomically(folder / "calibration.yaml", calibration_text(camera.info()));
+    while (begun && camera.read(&frame)) {
       if (frame.format != PixelFormat::kGrey) throw InputError(camera.info().name + ": only grey images can be dumped");
       const std::string stamp = seconds(frame.timestamp_ns);
       const std::string name = "rgb/" + stamp + ".png";
       write_png(folder / name, {frame.data, frame.width, frame.height, frame.stride_bytes});
       list.append(stamp).append(" ").append(name).append("\n");
       ++done;
-      if (!go_on(done, camera.info().frame_count.value_or(done))) break;
+      if (!more()) break;
     }
   } catch (const InputError& broken) {
     trouble = broken.what();

@@ -10,8 +10,8 @@ namespace pptam::platform {
 
 // Writes everything that the camera delivers in the TUM RGB-D layout: rgb/*.png, rgb.txt, groundtruth.txt and
 // calibration.yaml (Kalibr's form with our readout keys), so that other programs can be run on it. Calls go_on(done,
-// total) after each frame: false ends it like the camera's end. The folder must be new or empty. Throws InputError;
-// what was written until then is a shorter sequence, if the list could still be written.
+// total) once the folder is there and after each frame: false ends it like the camera's end. The folder must be new or
+// empty. Throws InputError; what was written until then is a shorter sequence, if the list could still be written.
 void dump_sequence(Camera& camera, const std::filesystem::path& folder,
                    const std::function<bool(int done, int total)>& go_on);
 

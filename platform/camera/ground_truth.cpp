@@ -19,8 +19,10 @@ bool is_there(const fs::path& file) {
 
 Trajectory read_body(const GroundTruthFile& file, std::vector<std::string>* warnings) {
   if (!is_there(file.euroc_sensor)) {
-    throw InputError(file.euroc.string() + ": the poses are of the body, and " + file.euroc_sensor.string() +
-                     ", whose T_BS says where the camera sits in it, is missing");
+    throw InputError(
+        file.euroc.string() + ": the poses are of the body, and " + file.euroc_sensor.string() +
+        ", whose T_BS says where the camera sits in it, is missing: add it, or give Kalibr's camchain, whose "
+        "T_cam_imu says it too, as --calibration");
   }
   const Eigen::Isometry3d T_bc = read_camera_to_body(file.euroc_sensor);
   Trajectory trajectory = read_euroc_trajectory(file.euroc, warnings);

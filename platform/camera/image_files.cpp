@@ -35,10 +35,10 @@ std::string take_message(GError* error) {
 using Bytes = std::span<const std::byte>;
 
 // Numbers in a file's bytes; 0 beyond its end.
-uint32_t number_at(Bytes bytes, size_t at, size_t size, bool big_endian) {
+uint32_t number_at(Bytes bytes, uint64_t at, size_t size, bool big_endian) {
   uint32_t value = 0;
   for (size_t i = 0; i < size; ++i) {
-    const size_t k = at + (big_endian ? i : size - 1 - i);
+    const uint64_t k = at + (big_endian ? i : size - 1 - i);
     value = (value << 8) | (k < bytes.size() ? std::to_integer<uint32_t>(bytes[k]) : 0);
   }
   return value;
@@ -59,7 +59,7 @@ ImageHeader png_header(Bytes bytes) {
   ImageHeader header{"png", number_at(bytes, 16, 4, true), number_at(bytes, 20, 4, true)};
   header.bits = static_cast<int>(number_at(bytes, 24, 1, true));
   constexpr uint32_t kIend = 0x49454e44;
-  for (size_t at = 8;; at += size_t{12} + number_at(bytes, at, 4, true)) {
+  for (uint64_t at = 8;; at += uint64_t{12} + number_at(bytes, at, 4, true)) {
     if (at + 12 > bytes.size()) header.refusal = kCutShort;
     if (at + 12 > bytes.size() || number_at(bytes, at + 4, 4, true) == kIend) return header;
   }
@@ -70,7 +70,7 @@ ImageHeader png_header(Bytes bytes) {
 ImageHeader jpeg_header(Bytes bytes) {
   constexpr uint32_t kEscape = 0x00, kFill = 0xff, kTem = 0x01, kRst0 = 0xd0, kSoi = 0xd8, kEoi = 0xd9;
   ImageHeader header{"jpeg"};
-  for (size_t i = 0; i + 1 < bytes.size();) {
+  for (uint64_t i = 0; i + 1 < bytes.size();) {
     const uint32_t code = number_at(bytes, i + 1, 1, true);
     if (number_at(bytes, i, 1, true) != 0xff || code == kFill) {
       ++i;
@@ -85,7 +85,7 @@ ImageHeader jpeg_header(Bytes bytes) {
         header.width = number_at(bytes, i + 7, 2, true);
         if (number_at(bytes, i + 9, 1, true) == 4) header.refusal = "CMYK colours are not read: convert it to RGB";
       }
-      i += size_t{2} + number_at(bytes, i + 2, 2, true);
+      i += uint64_t{2} + number_at(bytes, i + 2, 2, true);
     }
   }
   header.refusal = kCutShort;
@@ -107,15 +107,15 @@ ImageHeader bmp_header(Bytes bytes) {
 ImageHeader tiff_header(Bytes bytes) {
   ImageHeader header{"tiff"};
   const bool big_endian = number_at(bytes, 0, 1, true) == 'M';
-  const size_t table = number_at(bytes, 4, 4, big_endian);
-  const size_t entries = number_at(bytes, table, 2, big_endian);
-  for (size_t i = 0; i < entries && table + 2 + 12 * (i + 1) <= bytes.size(); ++i) {
-    const size_t at = table + 2 + 12 * i;
+  const uint64_t table = number_at(bytes, 4, 4, big_endian);
+  const uint32_t entries = number_at(bytes, table, 2, big_endian);
+  for (uint64_t i = 0; i < entries && table + 2 + 12 * (i + 1) <= bytes.size(); ++i) {
+    const uint64_t at = table + 2 + 12 * i;
     const uint32_t tag = number_at(bytes, at, 2, big_endian);
     const uint32_t type = number_at(bytes, at + 2, 2, big_endian);
     const size_t size = type == 3 ? 2 : 4;  // of each value
     const uint32_t count = number_at(bytes, at + 4, 4, big_endian);
-    const size_t value_at = count * size_t{size} <= 4 ? at + 8 : number_at(bytes, at + 8, 4, big_endian);
+    const uint64_t value_at = count * uint64_t{size} <= 4 ? at + 8 : number_at(bytes, at + 8, 4, big_endian);
     const uint32_t value = number_at(bytes, value_at, size, big_endian);
     // Told twice or in another type, the decoder might see another size than is checked here.
     const bool told = (tag == 256 && header.width != 0) || (tag == 257 && header.height != 0);
@@ -186,16 +186,34 @@ ImageHeader checked_header(const std::string& name, Bytes bytes) {
   return header;
 }
 
+struct SizeCheck {
+  int64_t width, height;  // of the header, which has been checked
+  bool differs = false;
+};
+
+// Called before a decoder takes memory for pixels: one that is then asked for none gives up.
+void refuse_other_size(GdkPixbufLoader* loader, int width, int height, gpointer size_check) {
+  auto& check = *static_cast<SizeCheck*>(size_check);
+  check.differs = width != check.width || height != check.height;
+  if (check.differs) gdk_pixbuf_loader_set_size(loader, 0, 0);
+}
+
 // Decoded by the format's own decoder: no other one looks at the bytes.
 Pixbuf decode(const std::string& name, const ImageHeader& header, Bytes bytes) {
   GError* error = nullptr;
   GdkPixbufLoader* loader = gdk_pixbuf_loader_new_with_type(header.format, &error);
   if (!loader) throw InputError("cannot read image " + name + ": " + take_message(error));
   const std::unique_ptr<GdkPixbufLoader, void (*)(GdkPixbufLoader*)> owner(loader, [](auto* l) { g_object_unref(l); });
+  SizeCheck check{header.width, header.height};
+  g_signal_connect(loader, "size-prepared", G_CALLBACK(refuse_other_size), &check);
   const bool written =
       gdk_pixbuf_loader_write(loader, reinterpret_cast<const guchar*>(bytes.data()), bytes.size(), &error) != FALSE;
   const bool closed = gdk_pixbuf_loader_close(loader, written ? &error : nullptr) != FALSE;
-  if (!written || !closed) throw InputError("cannot read image " + name + ": " + take_message(error));
+  if (!written || !closed) {
+    const std::string message = take_message(error);
+    throw InputError("cannot read image " + name + ": " +
+                     (check.differs ? "its header tells two sizes: convert it" : message));
+  }
   GdkPixbuf* pixbuf = gdk_pixbuf_loader_get_pixbuf(loader);
   if (!pixbuf) throw InputError("cannot read image " + name + ": it holds no image");
   return {GDK_PIXBUF(g_object_ref(pixbuf)), unref};

@@ -4,6 +4,7 @@
 #include <array>
 #include <charconv>
 #include <functional>
+#include <map>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -50,6 +51,7 @@ std::vector<std::string> fields_of(std::string_view line) {
 struct ListedImage {
   std::string stamp;
   std::string name;
+  std::string second = {};  // a number between stamp and name: the stamp itself where the first one is an index
 };
 
 // "stamp name", also with further columns, as associations.txt has them (stamp rgb stamp depth): the first name that
@@ -58,19 +60,21 @@ ListedImage listed_image(std::string_view line) {
   const std::vector<std::string> fields = fields_of(line);
   const bool commas = line.find(',') != std::string_view::npos;
   std::string stamp = fields[0];
+  std::string second;
   std::string name;
   ListedImage depth;
   for (size_t i = 1; i < fields.size(); ++i) {
     int64_t ignored = 0;
     if (name.empty() && parse_stamp(fields[i], TimeUnit::kNanoseconds, &ignored)) {
       if (!depth.name.empty()) stamp = fields[i];
+      if (i == 1) second = fields[i];
       continue;
     }
     if (!name.empty()) name += ' ';
     name += fields[i];
     if (has_image_extension(fields[i])) {
-      if (name.find("depth") == std::string::npos) return {stamp, name};
-      if (depth.name.empty()) depth = {stamp, name};
+      if (name.find("depth") == std::string::npos) return {stamp, name, second};
+      if (depth.name.empty()) depth = {stamp, name, second};
       name.clear();
     } else if (commas) {
       name.clear();
@@ -119,11 +123,37 @@ void stamp_images(std::vector<ImageEntry>* images, const std::vector<std::string
   *images = std::move(kept);
 }
 
-// Stamps and names, which are relative to folder; a first line that is no such pair is taken for a header.
+// Whether these number the images: whole, each by one more than that before, and no times since 1970.
+bool are_counts(const std::vector<std::string>& numbers) {
+  constexpr size_t kMinCounts = 3;             // fewer may be anything
+  constexpr int64_t kSince1970S = 1000000000;  // 2001
+  int64_t before = 0;
+  for (size_t i = 0; i < numbers.size(); ++i) {
+    int64_t value = 0;
+    if (!parse_integer(numbers[i], &value) || value >= kSince1970S || (i > 0 && value != before + 1)) return false;
+    before = value;
+  }
+  return numbers.size() >= kMinCounts;
+}
+
+bool rise(const std::vector<std::string>& numbers) {
+  int64_t before = 0;
+  for (size_t i = 0; i < numbers.size(); ++i) {
+    int64_t value = 0;  // in any unit: nanoseconds have the widest range, but no decimals
+    const TimeUnit unit = numbers[i].find('.') == std::string::npos ? TimeUnit::kNanoseconds : TimeUnit::kSeconds;
+    if (!parse_stamp(numbers[i], unit, &value) || (i > 0 && value <= before)) return false;
+    before = value;
+  }
+  return true;
+}
+
+// Stamps and names, which are relative to folder; a first line that is no such pair is taken for a header. counted: the
+// stamps only number the images, as far as can be seen.
 std::vector<ImageEntry> read_list(const fs::path& list, const fs::path& folder, TimeUnit documented,
-                                  const WarnOfList& warn) {
+                                  const WarnOfList& warn, bool* counted) {
   std::vector<ImageEntry> images;
   std::vector<std::string> stamps;
+  std::vector<std::string> second_numbers;  // the numbers after the stamps, where each line has one
   bool first = true;
   bool backslashes = false;
   for_each_line(list, [&](std::string_view line, const LineError& fail) {
@@ -144,9 +174,20 @@ std::vector<ImageEntry> read_list(const fs::path& list, const fs::path& folder, 
     }
     images.push_back({folder / image.name});
     stamps.push_back(std::move(image.stamp));
+    if (!image.second.empty()) second_numbers.push_back(std::move(image.second));
   });
   if (images.empty()) throw InputError(list.string() + " lists no images");
   if (backslashes) warn(list.string() + ": its names hold backslashes: read as slashes");
+  *counted = are_counts(stamps);
+  if (*counted && second_numbers.size() == stamps.size() && !are_counts(second_numbers) && rise(second_numbers)) {
+    warn(list.string() + ": its first column numbers the images: the second one is taken for their times");
+    stamps = std::move(second_numbers);
+    *counted = false;
+  }
+  if (*counted) {
+    warn(list.string() + ": its times are whole numbers that count on by one: if they only number the images, give " +
+         "their rate with --fps");
+  }
   stamp_images(&images, stamps, documented, list.string(), warn);
   return images;
 }
@@ -155,8 +196,9 @@ ImageList open_tum(const fs::path& list, const WarnOfList& warn) {
   ImageList result;
   const fs::path folder = list.parent_path();
   const bool csv = extension_of(list) == ".csv";
-  result.images = read_list(list, folder, csv ? TimeUnit::kNanoseconds : TimeUnit::kSeconds, warn);
-  result.times = ImageTimes::kListed;
+  bool counted = false;
+  result.images = read_list(list, folder, csv ? TimeUnit::kNanoseconds : TimeUnit::kSeconds, warn, &counted);
+  result.times = counted ? ImageTimes::kCounted : ImageTimes::kListed;
   result.ground_truth = find_tum_ground_truth(folder);
   return result;
 }
@@ -164,8 +206,9 @@ ImageList open_tum(const fs::path& list, const WarnOfList& warn) {
 ImageList open_euroc(const fs::path& camera, const WarnOfList& warn) {
   ImageList result;
   const fs::path folder = is_folder(camera / "data") ? camera / "data" : camera;
-  result.images = read_list(camera / "data.csv", folder, TimeUnit::kNanoseconds, warn);
-  result.times = ImageTimes::kListed;
+  bool counted = false;
+  result.images = read_list(camera / "data.csv", folder, TimeUnit::kNanoseconds, warn, &counted);
+  result.times = counted ? ImageTimes::kCounted : ImageTimes::kListed;
   const fs::path sensor = camera / "sensor.yaml";
   if (fs::exists(sensor)) result.calibration = sensor;
   result.ground_truth = find_euroc_ground_truth(camera);
@@ -287,6 +330,53 @@ std::vector<std::string> times_beside(const fs::path& folder) {
   return single ? stamps : std::vector<std::string>();
 }
 
+// The words of a name that tell what kind of image it is: all but its numbers, in small letters. The number of a camera
+// ("cam0"), one digit, counts as a word.
+std::string kind_of(const std::string& name) {
+  const std::string stem = fs::path(name).stem().string();
+  std::string kind;
+  for (size_t i = 0; i < stem.size(); ++i) {
+    const char c = stem[i];
+    const bool decimal = c == '.' && kind.ends_with('0') && i + 1 < stem.size() && is_digit(stem[i + 1]);
+    if (decimal) continue;
+    const bool of_camera = (kind.ends_with("cam") || kind.ends_with("camera") || kind.ends_with("infra")) &&
+                           i + 1 < stem.size() && !is_digit(stem[i + 1]);
+    if (!is_digit(c) || of_camera) {
+      kind.push_back(c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c);
+    } else if (!kind.ends_with('0')) {
+      kind.push_back('0');
+    }
+  }
+  return kind;
+}
+
+// Throws InputError when the folder holds images of two cameras, or of depth beside colour: no film. Warns where there
+// are several kinds of names otherwise.
+void check_one_kind(const fs::path& folder, const std::vector<std::string>& names, const WarnOfList& warn) {
+  constexpr size_t kMinShare = 4;  // a kind with less than that part of the images is a stray one
+  std::map<std::string, std::vector<std::string>> kinds;
+  for (const std::string& name : names) kinds[kind_of(name)].push_back(name);
+  std::vector<std::string> examples;  // the first name of each kind
+  bool cameras = false;
+  for (const auto& [kind, members] : kinds) {
+    if (members.size() < 2 || members.size() * kMinShare < names.size()) continue;
+    examples.push_back(members.front());
+    for (const char* word : {"left", "right", "depth", "disp", "infra", "cam0", "cam1", "camera0", "camera1", "_l",
+                             "_r", "l_", "r_", "-l", "-r", "l", "r"}) {
+      const bool letter = std::string_view(word).size() <= 2;
+      cameras = cameras || (letter ? kind == word || kind == std::string("0") + word || kind == std::string(word) + "0"
+                                   : kind.find(word) != std::string::npos);
+    }
+  }
+  if (examples.size() < 2) return;
+  const std::string found =
+      "folder " + folder.string() + " holds images of several kinds, such as " + examples[0] + " and " + examples[1];
+  const std::string way_out =
+      ": move all but one kind to another folder, or give that kind by a pattern (NAME%04d.png)";
+  if (cameras) throw InputError(found + way_out);
+  warn(found + ", and all are taken as one film; if they are not" + way_out);
+}
+
 ImageList open_image_folder(const fs::path& folder, const WarnOfList& warn) {
   std::vector<std::string> names = file_names(folder);
   std::erase_if(names, [](const std::string& name) { return name[0] == '.' || !has_image_extension(name); });
@@ -301,6 +391,7 @@ ImageList open_image_folder(const fs::path& folder, const WarnOfList& warn) {
                      " holds no images (png, jpg, pgm, ppm, bmp, tiff), no rgb.txt (TUM) and no mav0 (EuRoC)");
   }
   std::sort(names.begin(), names.end(), natural_less);
+  check_one_kind(folder, names, warn);
   ImageList result;
   for (const std::string& name : names) result.images.push_back({folder / name});
 

@@ -15,8 +15,9 @@ struct ImageEntry {
   int64_t timestamp_ns = 0;
 };
 
-// Where the times of images come from: nowhere, a list, or the images' own names (1305031102.175304.png).
-enum class ImageTimes { kUnknown, kListed, kNamed };
+// Where the times of images come from: nowhere, a list, a list whose stamps may only number the images, or the images'
+// own names (1305031102.175304.png). A rate that the user gives goes before the last two.
+enum class ImageTimes { kUnknown, kListed, kCounted, kNamed };
 
 struct ImageList {
   std::vector<ImageEntry> images;  // with known times: in their order, rising

@@ -296,6 +296,11 @@ Opened open_video(const RecordingOptions& options, std::vector<std::string>* war
     warn(name + " is a raw " + video->container() + " stream, which holds no times: assuming " +
          number_text(video->frames_per_s()) + " frames/s; give the true rate with --fps");
   }
+  if (video->captured_frames_per_s() > 0 && options.fps == 0) {
+    const std::string captured = number_text(video->captured_frames_per_s());
+    warn(name + " was recorded at " + captured + " frames/s and is played at " + number_text(video->frames_per_s()) +
+         " (slow motion or time lapse): give the true rate with --fps " + captured);
+  }
   const double fps = options.fps > 0 ? options.fps : video->frames_per_s();
   if (video->frame_count()) opened.frame_count = (*video->frame_count() + options.every - 1) / options.every;
   opened.frames_per_s = fps / options.every;
@@ -307,7 +312,7 @@ Opened open_video(const RecordingOptions& options, std::vector<std::string>* war
 Opened open_images(const RecordingOptions& options, std::vector<std::string>* warnings, const Warn& warn) {
   Opened opened;
   ImageList list = list_images(options.source, warnings);
-  const bool timed = list.times == ImageTimes::kListed || (list.times == ImageTimes::kNamed && options.fps == 0);
+  const bool timed = list.times == ImageTimes::kListed || (list.times != ImageTimes::kUnknown && options.fps == 0);
   if (timed && options.fps > 0) warn("the recording has timestamps: the given frame rate is ignored");
   if (!timed && options.fps == 0 && list.images.size() > 1) {
     warn("the images of " + options.source.string() + " come without times: assuming " + number_text(kDefaultFps) +
@@ -321,6 +326,9 @@ Opened open_images(const RecordingOptions& options, std::vector<std::string>* wa
   }
   opened.frame_count = static_cast<int>(kept.size());
   opened.frames_per_s = timed ? median_fps(kept) : fps / options.every;
+  // Without EuRoC's sensor.yaml, where the camera sits in the body may be told by Kalibr's camchain: T_cam_imu.
+  if (!is_file(list.ground_truth.euroc_sensor) && !options.calibration.empty())
+    list.ground_truth.euroc_sensor = options.calibration;
   opened.ground_truth =
       read_ground_truth(list.ground_truth, {kept.front().timestamp_ns, kept.back().timestamp_ns}, warnings);
   opened.source = std::make_unique<ImageSource>(std::move(kept));
@@ -365,8 +373,8 @@ std::unique_ptr<Camera> open(const RecordingOptions& options, const Warn& warn, 
          (opened.pixel_aspect == 1 ? " degrees and no distortion"
                                    : " degrees, no distortion, and pixels " + aspect + " as the file says"));
   } else {
-    calibration =
-        stored_calibration(read_calibration(calibration_path, warnings), options, calibration_path, first, note, warn);
+    calibration = stored_calibration(read_calibration(calibration_path, warnings, opened.pixel_aspect), options,
+                                     calibration_path, first, note, warn);
     if (options.fov_degrees != 0) warn("a calibration is there: the given field of view is ignored");
     const double calibrated = static_cast<double>(calibration.model.fy / calibration.model.fx);
     if (opened.pixel_aspect != 1 && std::abs(calibrated / opened.pixel_aspect - 1) > kMaxAspectError) {

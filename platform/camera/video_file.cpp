@@ -26,6 +26,10 @@ constexpr const char* kContainers =
     "h264,hevc,mjpeg,m4v,mpegvideo,obu,vc1";
 constexpr const char* kRawStreams[] = {"h264", "hevc", "mjpeg", "m4v", "mpegvideo", "obu", "vc1"};
 
+// From the rate at which frames were taken to that of the file; players' rates are off by far less, slow motion by
+// more.
+constexpr double kMaxCaptureError = 0.2;
+
 // Measured: 4K with 4 threads needs 400 MB. Each thread holds images of its own.
 constexpr const char* kDecoderThreads = "4";
 constexpr ChildLimits kDecoderLimits = {.memory_bytes = size_t{1536} << 20};
@@ -55,7 +59,8 @@ std::map<std::string, std::string> probe(const std::filesystem::path& file) {
       "v:0",
       "-show_entries",
       ("stream=width,height,avg_frame_rate,r_frame_rate,nb_frames,duration,sample_aspect_ratio,field_order,"
-       "color_transfer:stream_side_data=rotation,displaymatrix:format=format_name,duration"),
+       "color_transfer:stream_side_data=rotation,displaymatrix,crop_top,crop_bottom,crop_left,crop_right:"
+       "format=format_name,duration:format_tags=com.android.capture.fps"),
       "-of",
       "default=noprint_wrappers=1"};
   for (const std::string& word : input_arguments(file)) argv.push_back(word);
@@ -127,6 +132,15 @@ std::string damage_in(std::string messages) {
   return "";
 }
 
+// Whether a message says that the file ends before its contents do. Other damage, such as that of a picture or packet
+// cut in two, is also left where a recording was cut without coding it anew: all that is there has come then.
+bool says_truncated(const std::string& message) {
+  for (const char* sign : {"ended prematurely", "moov", "partial file"}) {
+    if (message.find(sign) != std::string::npos) return true;
+  }
+  return false;
+}
+
 // What the user should know about how the images were made.
 void warn_of_kind(std::map<std::string, std::string>& values, const std::function<void(const std::string&)>& warn) {
   const std::string& order = values["field_order"];
@@ -146,8 +160,12 @@ VideoFile::VideoFile(const std::filesystem::path& file, std::vector<std::string>
   read_probe(file, warnings);
 
   std::vector<std::string> argv = {"ffmpeg",          "-nostdin",      "-v",       "level+warning", "-fflags",
-                                   "+discardcorrupt", "-noautorotate", "-threads", kDecoderThreads};
+                                   "+discardcorrupt", "-noautorotate", "-threads", kDecoderThreads, "-copyts"};
+  // ffmpeg 7.1 applies a container's crop unless it is told otherwise. Versions that show none to ffprobe apply none,
+  // and know no such value of the option.
+  if (container_crops_) argv.insert(argv.end(), {"-apply_cropping", "codec"});
   for (const std::string& word : input_arguments(file)) argv.push_back(word);
+  // -copyts: else ffmpeg closes gaps of over 10 s in streams whose times may start anew (MPEG-TS).
   // The filters write "frame:N pts:T" to the pipe before the frame goes on, T in nanoseconds; from there on frames are
   // a second apart, so that nothing later minds the file's times.
   const std::string filters = std::string("settb=1/1000000000,metadata=mode=add:key=pptam:value=1,") +
@@ -182,9 +200,18 @@ void VideoFile::read_probe(const std::filesystem::path& file, std::vector<std::s
   const double aspect = ratio(values["sample_aspect_ratio"]);
   if (aspect > 0.1 && aspect < 10) pixel_aspect_ = aspect;
   warn_of_kind(values, warn);
+  const double captured_fps = ratio(values["TAG:com.android.capture.fps"]);
+  if (std::abs(captured_fps / frames_per_s_ - 1) > kMaxCaptureError) captured_frames_per_s_ = captured_fps;
+  container_crops_ = values.contains("crop_top");
+  if (container_crops_) {
+    warn("its container asks to cut off " + values["crop_left"] + ", " + values["crop_right"] + ", " +
+         values["crop_top"] + " and " + values["crop_bottom"] +
+         " pixels at the left, right, top and bottom: the images are taken whole, as they are stored");
+  }
 
   // Only these say truly how long they are. An edit list (of a trimmed clip) hides some frames from the count.
   const double stored = ratio(values["nb_frames"]);
+  counted_ = stored >= 1;
   const bool matroska = container_.starts_with("matroska");
   if (stored >= 1 || matroska) {
     duration_s_ = ratio(values["duration"]);
@@ -239,13 +266,16 @@ int64_t VideoFile::next_stamp() {
 
 void VideoFile::check_end(size_t bytes_of_last_frame) {
   const int exit_code = decoder_->finish();
-  const std::string damage = damage_in(decoder_->errors());
-  const std::string last = last_message(decoder_->errors());
+  const std::string messages = decoder_->errors();
+  const std::string damage = damage_in(messages);
+  const std::string last = last_message(messages);
   decoder_.reset();
   const std::string where = "video " + name_ + " is truncated or corrupt after frame " + std::to_string(frames_read_);
-  const bool all_came = exit_code == 0 && bytes_of_last_frame == 0 && frame_count_ && frames_read_ >= *frame_count_;
-  if (!damage.empty() && all_came) damage_ = damage;
-  if (!damage.empty() && !all_came) throw InputError(where + ": " + damage);
+  const bool to_the_end = exit_code == 0 && bytes_of_last_frame == 0;
+  const bool all_came = to_the_end && frame_count_ && frames_read_ >= *frame_count_;
+  const bool some_missing = !to_the_end || counted_ || says_truncated(messages);
+  if (!damage.empty() && !all_came && some_missing) throw InputError(where + ": " + damage);
+  damage_ = damage;
   if (exit_code != 0) throw InputError(where + ": " + (last.empty() ? "ffmpeg failed" : last));
   if (bytes_of_last_frame != 0) throw InputError(where + ": the last frame is not whole");
   const double seen_s = 1e-9 * static_cast<double>(saturated_difference(last_ns_, first_ns_));

@@ -31,7 +31,9 @@ class VideoFile {
   double frames_per_s() const { return frames_per_s_; }            // on average, or assumed
   std::optional<int> frame_count() const { return frame_count_; }  // that the container promises
   bool has_times() const { return has_times_; }                    // false for raw streams such as .h264
-  const std::string& container() const { return container_; }      // as ffmpeg calls it
+  // Slow motion and time lapse, as Android notes them: the rate of recording where it is another one; 0: not known.
+  double captured_frames_per_s() const { return captured_frames_per_s_; }
+  const std::string& container() const { return container_; }  // as ffmpeg calls it
   const DisplayNote& display() const { return display_; }
   double pixel_aspect() const { return pixel_aspect_; }  // width of a pixel by its height
 
@@ -52,9 +54,12 @@ class VideoFile {
   int width_ = 0;
   int height_ = 0;
   double frames_per_s_ = 0;
+  double captured_frames_per_s_ = 0;
   double duration_s_ = 0;  // of the images, as the container says; 0: unknown
   std::optional<int> frame_count_;
+  bool counted_ = false;  // frame_count_ is a count of frames, no estimate
   bool has_times_ = true;
+  bool container_crops_ = false;  // asks to cut off borders; the codec's own crop belongs to how images are stored
   DisplayNote display_;
   double pixel_aspect_ = 1;
   int frames_read_ = 0;
@@ -62,7 +67,7 @@ class VideoFile {
   int64_t last_ns_ = 0;
   int untimed_ = 0;                        // frames without a time
   int format_change_ = 0;                  // the first frame of another size or format, counted from 1; 0: none
-  std::string damage_;                     // that ffmpeg reported though all frames came
+  std::string damage_;                     // that ffmpeg reported though it read to the end
   std::unique_ptr<ChildProcess> decoder_;  // null once the end is reached
 };
 

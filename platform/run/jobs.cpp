@@ -3,6 +3,7 @@
 #include <atomic>
 #include <exception>
 #include <mutex>
+#include <system_error>
 #include <thread>
 #include <vector>
 
@@ -39,7 +40,11 @@ std::vector<bool> run_jobs(int threads, size_t count, const std::function<std::s
   };
   std::vector<std::thread> workers;
   workers.reserve(static_cast<size_t>(threads));
-  for (int i = 0; i < threads; ++i) workers.emplace_back(worker);
+  try {
+    for (int i = 0; i < threads; ++i) workers.emplace_back(worker);
+  } catch (const std::system_error&) {  // no more threads: those that are there do it all, else this one
+    if (workers.empty()) worker();
+  }
   for (std::thread& thread : workers) thread.join();
   progress.finish();
   if (trouble) std::rethrow_exception(trouble);

@@ -282,7 +282,7 @@ RunLog run_sequence(Camera& camera, const RunOptions& options, const StartObserv
     log.frames.push_back(entry);
     if (on_frame) on_frame(frame, result, log);
   } while (!interrupted() && advance(end_ns));
-  if (interrupted()) log.broken = log.camera.name + ": " + interruption();
+  if (interrupted() && log.broken.empty()) log.broken = log.camera.name + ": " + interruption();
 
   log.warnings = camera.remarks();
   if (passed_over_ns > 0) {

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <optional>
 
 #include "platform/input_error.h"
@@ -159,11 +160,51 @@ void judge_standstill(const std::vector<Moment>& moments, const sim::Standstill&
   }
 }
 
+void judge_pans(const RunLog& log, const platform::Trajectory& truth, const std::vector<Moment>& moments,
+                const sim::Story& story, Judgement* j) {
+  constexpr double kAfter_s = 0.7;  // the story rests
+  platform::Trajectory before;
+  for (const auto& pose : log.trajectory()) {
+    if (seconds(pose.timestamp_ns) < story.pans.front().from_s) before.push_back(pose);
+  }
+  std::optional<Evaluation> evaluation;
+  try {
+    evaluation = evaluate(before, truth, "run", "ground truth");
+  } catch (const platform::InputError&) {
+    return;  // there was no map before
+  }
+  for (const Moment& m : moments) {
+    if (!m.valid || m.truth == nullptr) continue;
+    const double error =
+        100 * (evaluation->alignment * m.frame->T_wc.translation() - m.truth->translation()).norm() / story.pan_depth_m;
+    for (const sim::Interval& pan : story.pans) {
+      if (m.t_s > pan.from_s && m.t_s <= pan.to_s) j->pan_percent = std::fmax(j->pan_percent, error);
+      if (m.t_s > pan.to_s && m.t_s <= pan.to_s + kAfter_s)
+        j->after_pan_percent = std::fmax(j->after_pan_percent, error);
+    }
+  }
+}
+
+Hint usual_hint(const RunLog& log, double from_s) {
+  std::map<Hint, int> counts;
+  for (const FrameLog& frame : log.frames) {
+    if (frame.pose_valid) break;
+    if (seconds(frame.timestamp_ns) >= from_s) ++counts[frame.hint];
+  }
+  Hint usual = Hint::kNone;
+  for (const auto& [hint, count] : counts) {
+    if (count > counts[usual]) usual = hint;
+  }
+  return usual;
+}
+
 }  // namespace
 
 Judgement::Judgement()
     : initialised_s(kNone),
       recovery_s(kNone),
+      pan_percent(kNone),
+      after_pan_percent(kNone),
       ate_percent(kNone),
       plane_deg(kNone),
       jitter_mm(kNone),
@@ -188,6 +229,7 @@ Judgement judge(const RunLog& log, const platform::Trajectory& truth, const sim:
     if (frame.state == TrackingState::kTracking)
       j.minstructions.push_back(1e-6 * static_cast<double>(frame.instructions));
   }
+  j.hint = usual_hint(log, story.move_s);
   const FrameLog* first = log.first_tracked();
   if (first == nullptr) return j;
   j.initialised = true;
@@ -240,6 +282,7 @@ Judgement judge(const RunLog& log, const platform::Trajectory& truth, const sim:
     }
   }
   judge_losses(moments, story, exposed_s, &j);
+  if (!story.pans.empty()) judge_pans(log, truth, moments, story, &j);
   if (story.standstill && evaluation) {
     judge_standstill(moments, *story.standstill, exposed_s, evaluation->robust_alignment.scale, &j);
   }

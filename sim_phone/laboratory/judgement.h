@@ -34,6 +34,12 @@ struct Judgement {
   int losses = 0, recovered = 0;
   double recovery_s;  // the longest; NaN when there was none or one never ended
 
+  Hint hint = Hint::kNone;  // the one given most often while there is no pose, from the first movement on
+
+  // The largest error of the position during the story's pans, and in the 0.7 s after each, in percent of the scene's
+  // depth; aligned by the poses before the first.
+  double pan_percent, after_pan_percent;
+
   double ate_percent;  // of the path
   double plane_deg;    // error of the vertical
 

@@ -45,7 +45,13 @@ const std::vector<Kind>& kinds() {
       {"steep", "steep_start", {"plane"}, false, "the same, slanted by 60 to 70 degrees"},
       {"cameras", "start", {"plane"}, true, "planar, with other readouts, exposures and frame rates"},
       {"rotation", "turn_start", {"plane", "boxes", "walls"}, false, "turns by 8 to 30 degrees first, then moves"},
-      {"corners", "start", {"clutter", "walls"}, false, "no plane explains 60 % of the view"}};
+      {"corners", "start", {"clutter", "walls"}, false, "no plane explains 60 % of the view"},
+      {"sparse", "start", {"sparse", "postcards"}, false, "planar, of bare tables with little on them"},
+      {"repeated",
+       "start",
+       {"tiles", "same_tiles"},
+       false,
+       "planar, of tiles all alike with and without other things"}};
   return all;
 }
 
@@ -180,7 +186,7 @@ Quantiles quantiles(const std::vector<double>& values) {
 }
 
 std::vector<std::string> summary_cells(const std::string& kind, const std::vector<StudyTrial>& trials) {
-  int count = 0, initialised = 0, wrong = 0, right = 0, early = 0, planes = 0;
+  int count = 0, initialised = 0, wrong = 0, right = 0, refused = 0, early = 0, planes = 0;
   std::vector<double> normals, ends, times, baselines, ates, costs, shares;
   for (const StudyTrial& trial : trials) {
     if (trial.kind != kind) continue;
@@ -188,6 +194,7 @@ std::vector<std::string> summary_cells(const std::string& kind, const std::vecto
     initialised += trial.initialised;
     wrong += trial.wrong_plane();
     right += trial.right();
+    refused += trial.refused();
     early += trial.early;
     planes += trial.plane_known;
     costs.push_back(trial.worst_minstructions);
@@ -211,6 +218,7 @@ std::vector<std::string> summary_cells(const std::string& kind, const std::vecto
           std::to_string(count),
           percent(initialised, count),
           percent(right, count),
+          percent(refused, count),
           planes > 0 ? std::to_string(wrong) : "-",
           std::to_string(early),
           number("%.2f", time.median),
@@ -226,9 +234,9 @@ std::vector<std::string> summary_cells(const std::string& kind, const std::vecto
           number("%.2f", cost.worst)};
 }
 
-const std::vector<std::string> kHeads = {"kind",   "trials", "map %",      "right %",    "wrong planes", "early",
-                                         "time s", "95 %",   "baseline %", "normal deg", "worst",        "later",
-                                         "ATE %",  "worst",  "plane %",    "M instr.",   "worst"};
+const std::vector<std::string> kHeads = {"kind",  "trials", "map %", "right %",    "refused %",  "wrong planes",
+                                         "early", "time s", "95 %",  "baseline %", "normal deg", "worst",
+                                         "later", "ATE %",  "worst", "plane %",    "M instr.",   "worst"};
 
 std::string csv_of(const std::vector<StudyTrial>& trials) {
   std::string csv =
@@ -295,7 +303,8 @@ std::string html_of(const std::vector<StudyTrial>& trials, const StudyOptions& o
   page +=
       "Map: a pose within 4 s of the first sideways movement. Right: nothing before the movement, the plane's normal "
       "within 10 degrees, four fifths of the map's points at the right depth within a tenth, and 95 % of the following "
-      "poses right. Wrong planes: normal off by more than 10 degrees at the first pose. Early: a map from turning or "
+      "poses right. Refused: no map, and the last hint is that there is too little texture. Wrong planes: normal off "
+      "by more than 10 degrees at the first pose. Early: a map from turning or "
       "holding still. Baseline: from the first view to the first pose, of the distance. Later: the normal at the end. "
       "ATE: rms position error of the following seconds, of their path. Plane: share of the first view's points that "
       "one plane explains. M instr.: dearest frame before the first pose.</p></section>\n";
@@ -360,7 +369,8 @@ StudyTrial run_study_trial(const std::string& kind, uint64_t seed, double follow
   trial.phone = phone_for(kind_named(kind), seed);
   if (!scene) scene = study_scene(kind, seed);
   trial.start = sim::make_start(trial.phone.motion, *scene, seed);
-  trial.plane_known = trial.phone.scene == "plane";
+  trial.plane_known =
+      trial.phone.scene != "boxes" && sim::ground_plane_known(trial.phone.scene);  // no more than a plane
   const sim::Start& start = trial.start;
   const auto seconds = [](int64_t timestamp_ns) { return 1e-9 * static_cast<double>(timestamp_ns); };
 

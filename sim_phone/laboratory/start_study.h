@@ -50,6 +50,7 @@ struct StudyTrial {
   std::string trouble;
 
   bool wrong_plane() const { return initialised && plane_known && normal_deg > kWrongPlane_deg; }
+  bool refused() const { return !initialised && last_hint == Hint::kTooLittleTexture; }  // honestly
   // The map that the user wanted.
   bool right() const {
     return initialised && !early && !wrong_plane() && depth_share >= kRightDepthShare && judged &&
@@ -57,7 +58,7 @@ struct StudyTrial {
   }
 };
 
-// Kinds of trials: "planar", "steep", "cameras", "rotation", "corners".
+// Kinds of trials: "planar", "steep", "cameras", "rotation", "corners", "sparse", "repeated".
 std::vector<std::string> study_kinds();
 
 // One trial; follow_s: how long it goes on after the first pose. scene: painted before, or null. shutter_told: what the

@@ -52,8 +52,8 @@ BenchScene::BenchScene() {
   }
   std::vector<std::max_align_t> rotation_memory(4096);
   Arena rotation_arena(std::as_writable_bytes(std::span(rotation_memory)));
-  const RotationEstimate rotation =
-      FullFrameRotation(rotation_arena, camera).estimate(small[0], small[1], Matrix3f::Identity(), Vector3f::Zero());
+  const RotationEstimate rotation = FullFrameRotation(rotation_arena, {camera, {}})
+                                        .estimate(small[0], small[1], Matrix3f::Identity(), Vector3f::Zero());
   if (!rotation.ok) throw std::runtime_error("the full-frame rotation of the two frames failed");
 
   corners.resize(1000);

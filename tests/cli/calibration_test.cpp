@@ -18,6 +18,7 @@
 #include "platform/input_error.h"
 #include "platform/text_file.h"
 #include "tests/support/random.h"
+#include "tests/support/scratch_folder.h"
 
 namespace pptam::platform {
 namespace {
@@ -463,8 +464,8 @@ TEST(Calibration, WhatIsNotSupportedIsNamedWithTheWayOut) {
 }
 
 TEST(Calibration, FilesThatAreNone) {
-  const fs::path folder = fs::path(::testing::TempDir()) / ("pptam_calibrations_" + std::to_string(::getpid()));
-  fs::create_directories(folder);
+  const test::ScratchFolder scratch;
+  const fs::path& folder = scratch.path();
   const auto error = [](const fs::path& file) {
     const std::string message = input_error([&] { (void)read_calibration(file, nullptr); });
     EXPECT_TRUE(holds(message, "calibration " + file.string() + ": "));
@@ -477,7 +478,29 @@ TEST(Calibration, FilesThatAreNone) {
   EXPECT_TRUE(holds(error(folder / "large"), "over 32 MB"));
   std::ofstream(folder / "good") << "1 OPENCV 240 320 358.64 358.64 120 160 0.01 0 0 0\n";
   expect_normal_lens(read_calibration(folder / "good", nullptr).model);
-  fs::remove_all(folder);
+}
+
+// The name of a product is no lens; a lens that is named is honoured, or refused, under any key.
+TEST(Calibration, NamesOfProductsAreNoLenses) {
+  const std::string matrix =
+      "image_width: 240\nimage_height: 320\ncamera_matrix: [[358.64,0,119.5],[0,358.64,159.5],[0,0,1]]\n"
+      "distortion_coefficients: [0.01, 0, 0, 0, 0]\n";
+  const std::string keys =
+      "width: 240\nheight: 320\nfx: 358.64\nfy: 358.64\ncx: 119.5\ncy: 159.5\nk1: 0.01\nk2: 0\np1: 0\np2: 0\n";
+  for (const std::string& text : {matrix, keys}) {
+    for (const char* name : {"camera_model: GoPro HERO9\n", "model: OmniVision OV5647\n"}) {
+      std::vector<std::string> warnings;
+      const Calibration calibration = from(text + name, &warnings);
+      EXPECT_EQ(calibration.model.distortion, Distortion::kRadTan);
+      EXPECT_TRUE(only(warnings, "is not a lens model that is known")) << name;
+    }
+    EXPECT_EQ(quiet(text + "camera_model: pinhole\n").model.distortion, Distortion::kRadTan);
+    EXPECT_TRUE(holds(refusal(text + "camera_model: double_sphere\n"), "double_sphere is not supported"));
+    EXPECT_TRUE(holds(refusal(text + "distortion_model: GoPro\n"), "GoPro is not supported"));
+  }
+  std::string fisheye = matrix + "model: fisheye\n";
+  fisheye.replace(fisheye.find("0, 0, 0, 0]"), 11, "0, 0, 0]");
+  EXPECT_EQ(quiet(fisheye).model.distortion, Distortion::kEquidistant);
 }
 
 // ---- Hostile -------------------------------------------------------------------------------------------------------

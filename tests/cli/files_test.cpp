@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "platform/camera.h"
+#include "tests/support/scratch_folder.h"
 
 namespace pptam::platform {
 namespace {
@@ -33,21 +34,15 @@ constexpr size_t kSize = 300'000;  // several calls of write
 
 class Files : public ::testing::Test {
  protected:
-  void SetUp() override {
-    std::string name = (fs::temp_directory_path() / "pptam-files-XXXXXX").string();
-    ASSERT_NE(mkdtemp(name.data()), nullptr);
-    folder_ = name;
-    file_ = folder_ / "desk.map";
-  }
-  void TearDown() override { fs::remove_all(folder_); }
-
   size_t entries() const {
     size_t count = 0;
     for (const auto& entry : fs::directory_iterator(folder_)) count += entry.exists();
     return count;
   }
 
-  fs::path folder_, file_;
+  const test::ScratchFolder scratch_;
+  const fs::path& folder_ = scratch_.path();
+  const fs::path file_ = folder_ / "desk.map";
   const Bytes old_ = bytes_of(kSize / 2, 3), new_ = bytes_of(kSize, 5);
 };
 

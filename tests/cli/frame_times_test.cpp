@@ -3,7 +3,6 @@
 #include "platform/camera/frame_times.h"
 
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <cmath>
 #include <cstdint>
@@ -14,6 +13,7 @@
 
 #include "platform/camera/recorded_camera.h"
 #include "platform/text.h"
+#include "tests/support/scratch_folder.h"
 
 namespace pptam::platform {
 namespace {
@@ -157,14 +157,6 @@ TEST(FrameTimes, OrderIsSortedUnlessTheClockWasSetBack) {
 
 class ImageTimesTest : public ::testing::Test {
  protected:
-  ImageTimesTest() {
-    const std::string test = ::testing::UnitTest::GetInstance()->current_test_info()->name();
-    folder_ = fs::path(::testing::TempDir()) / ("pptam_times_" + test + "_" + std::to_string(::getpid()));
-    fs::remove_all(folder_);
-    fs::create_directories(folder_);
-  }
-  ~ImageTimesTest() override { fs::remove_all(folder_); }
-
   void write(const std::string& name, const std::string& text) const {
     fs::create_directories((folder_ / name).parent_path());
     std::ofstream(folder_ / name, std::ios::binary) << text;
@@ -198,7 +190,8 @@ class ImageTimesTest : public ::testing::Test {
     return text;
   }
 
-  fs::path folder_;
+  const test::ScratchFolder scratch_;
+  const fs::path& folder_ = scratch_.path();
   std::string warnings_;
   std::string remarks_;
 };
@@ -238,6 +231,52 @@ TEST_F(ImageTimesTest, ListsOfAnyForm) {
     EXPECT_EQ(frames(folder_ / c.name), expected) << c.text;
     EXPECT_TRUE(*c.warning == '\0' ? warnings_.empty() : has(warnings_, c.warning)) << c.text << warnings_;
     fs::remove(folder_ / c.name);
+  }
+}
+
+TEST_F(ImageTimesTest, NumbersOfImagesAreNoTimes) {
+  for (int i = 0; i < 3; ++i) image(std::to_string(i) + ".pgm", 10 + i);
+  // An index before the stamp.
+  write("rgb.txt", "7 1.0 0.pgm\n8 1.04 1.pgm\n9 1.08 2.pgm\n");
+  EXPECT_EQ(frames(folder_ / "rgb.txt"), "10@1000000 11@1040000 12@1080000");
+  EXPECT_TRUE(has(warnings_, "its first column numbers the images"));
+  // Nothing but an index: one a second is what the file says; the user may know better.
+  write("list.csv", "0,0.pgm\n1,1.pgm\n2,2.pgm\n");
+  EXPECT_EQ(frames(folder_ / "list.csv", 25), "10@0 11@40000 12@80000");
+  write("rgb.txt", "0 0.pgm\n1 1.pgm\n2 2.pgm\n");
+  EXPECT_EQ(frames(folder_ / "rgb.txt", 25), "10@0 11@40000 12@80000");
+  EXPECT_EQ(frames(folder_ / "rgb.txt"), "10@0 11@1000000 12@2000000");
+  EXPECT_TRUE(has(warnings_, "give their rate with --fps"));
+  // Times for certain: the given rate is ignored, and so is the second number.
+  write("rgb.txt", "1.0 5 0.pgm\n1.04 6 1.pgm\n1.08 7 2.pgm\n");
+  EXPECT_EQ(frames(folder_ / "rgb.txt", 25), "10@1000000 11@1040000 12@1080000");
+  EXPECT_TRUE(has(warnings_, "frame rate is ignored"));
+}
+
+TEST_F(ImageTimesTest, FoldersOfSeveralCamerasAreNoFilm) {
+  const auto folder_with = [&](const std::string& sub, const std::vector<std::string>& names) {
+    for (const std::string& name : names) image(sub + "/" + name + ".pgm", 10);
+    return frames(folder_ / sub);
+  };
+  for (const std::vector<std::string>& names :
+       {std::vector<std::string>{"left_0001", "left_0002", "right_0001", "right_0002"},
+        {"0001_L", "0001_R", "0002_L", "0002_R"},
+        {"cam0_10", "cam0_11", "cam1_10", "cam1_11"},
+        {"17.25-color", "17.50-color", "17.25-depth", "17.50-depth"}}) {
+    const std::string said = folder_with(names[0], names);
+    EXPECT_TRUE(has(said, "holds images of several kinds, such as ")) << names[0];
+    EXPECT_TRUE(has(said, "move all but one kind to another folder")) << names[0];
+  }
+  EXPECT_EQ(folder_with("w", {"IMG_1", "IMG_2", "DSC_1", "DSC_2"}).find("several"), std::string::npos);
+  EXPECT_TRUE(has(warnings_, "holds images of several kinds"));
+  // One kind, and a stray one.
+  for (const std::vector<std::string>& names :
+       {std::vector<std::string>{"cam0001", "cam0002", "cam1001", "cam1002"},
+        {"left_1", "left_2", "left_3", "left_4", "left_5", "left_6", "left_7", "right_1", "right_2"},
+        {"20240101_120000", "20240101_120001"},
+        {"1.5", "2", "2.5", "3", "3.5"}}) {
+    (void)folder_with("one" + names[0], names);
+    EXPECT_EQ(warnings_.find("several"), std::string::npos) << names[0] << warnings_;
   }
 }
 

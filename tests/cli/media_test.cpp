@@ -2,7 +2,6 @@
 
 #include <gtest/gtest.h>
 #include <sys/stat.h>
-#include <unistd.h>
 
 #include <chrono>
 #include <cstdint>
@@ -16,6 +15,7 @@
 #include "platform/camera/image_files.h"
 #include "platform/camera/recorded_camera.h"
 #include "platform/child_process.h"
+#include "tests/support/scratch_folder.h"
 
 namespace pptam::platform {
 namespace {
@@ -25,14 +25,6 @@ using Argv = std::vector<std::string>;
 
 class Media : public ::testing::Test {
  protected:
-  Media() {
-    const std::string test = ::testing::UnitTest::GetInstance()->current_test_info()->name();
-    folder_ = fs::path(::testing::TempDir()) / ("pptam_media_" + test + "_" + std::to_string(::getpid()));
-    fs::remove_all(folder_);
-    fs::create_directories(folder_);
-  }
-  ~Media() override { fs::remove_all(folder_); }
-
   std::string path(const std::string& name) const { return (folder_ / name).string(); }
   void write(const std::string& name, const std::string& text) const {
     std::ofstream(folder_ / name, std::ios::binary) << text;
@@ -111,7 +103,8 @@ class Media : public ::testing::Test {
     return see(options);
   }
 
-  fs::path folder_;
+  const test::ScratchFolder scratch_;
+  const fs::path& folder_ = scratch_.path();
 };
 
 ::testing::AssertionResult says(const std::string& text, const std::string& part) {
@@ -159,6 +152,59 @@ TEST_F(Media, DoubledAndBackwardStampsAreNoDamage) {
   const Seen gap = see("gap.mkv");
   EXPECT_EQ(gap.times_ms[5], 1200);
   EXPECT_TRUE(says(gap.said, "the longest gap has 1.04 s"));
+}
+
+// ffmpeg closes gaps of over 10 s in some containers unless it is told not to; times begin at 0 in all.
+TEST_F(Media, LongGapsStay) {
+  for (const char* name : {"v.ts", "v.mts", "v.mkv"}) {
+    encode_flat(
+        8,
+        {"-vf", "setpts=if(lt(N\\,4)\\,N\\,N+375)/25/TB", "-fps_mode", "passthrough", "-c:v", "mpeg2video", "-bf", "0"},
+        name);
+    const Seen seen = see(name);
+    EXPECT_EQ(seen.times_ms, (std::vector<int64_t>{0, 40, 80, 120, 15160, 15200, 15240, 15280})) << name;
+    EXPECT_TRUE(says(seen.said, "the longest gap has 15 s")) << name;
+  }
+}
+
+// A recording cut where no whole picture begins or ends: all that is there comes, and a warning.
+TEST_F(Media, StreamsCutAnywhereAreReadToTheirEnd) {
+  const Argv options = {"-c:v", "mpeg2video", "-bf", "2", "-g", "6", "-q:v", "2"};
+  encode_flat(12, options, "whole.ts");
+  EXPECT_EQ(see("whole.ts").greys.size(), 12u);
+  EXPECT_EQ(see("whole.ts").said, "");
+  const std::string bytes = bytes_of("whole.ts");
+  constexpr size_t kPacket = 188;
+  const size_t packets = bytes.size() / kPacket;
+  write("cut.ts", bytes.substr(0, packets * 3 / 4 * kPacket - 50));
+  const Seen cut = see("cut.ts");
+  EXPECT_GE(cut.greys.size(), 6u);
+  EXPECT_EQ(cut.said.find("error"), std::string::npos) << cut.said;
+  // Of a file that promises more than it holds the end is missed.
+  std::vector<std::string> rows(12, std::string(64, ' '));
+  for (size_t i = 0; i < rows.size(); ++i)
+    for (size_t x = 0; x < 64; ++x) rows[i][x] = static_cast<char>((x * 7919 + i * 10473) % 251);
+  encode(rows, {"-c:v", "rawvideo"}, "whole.mkv");
+  const std::string matroska = bytes_of("whole.mkv");
+  write("cut.mkv", matroska.substr(0, matroska.size() / 2));
+  EXPECT_TRUE(says(see("cut.mkv").said, "truncated or corrupt after frame"));
+}
+
+TEST_F(Media, SlowMotionIsNamed) {
+  const auto captured = [&](const char* fps) {
+    encode_flat(
+        4,
+        {"-c:v", "mpeg4", "-movflags", "use_metadata_tags", "-metadata", std::string("com.android.capture.fps=") + fps},
+        "s.mp4");
+    return see("s.mp4").said;
+  };
+  EXPECT_TRUE(says(captured("240.000000"), "recorded at 240 frames/s and is played at 25"));
+  EXPECT_TRUE(says(captured("240.000000"), "give the true rate with --fps 240"));
+  RecordingOptions options;
+  options.source = folder_ / "s.mp4";
+  options.fps = 240;
+  EXPECT_EQ(see(options).said, "");
+  EXPECT_EQ(captured("25.000000"), "");
 }
 
 TEST_F(Media, RawStreamsSayThatTheirRateIsAGuess) {
@@ -281,7 +327,15 @@ TEST_F(Media, PixelShapeIsHonoured) {
   options.source = folder_ / "v.mkv";
   options.calibration = folder_ / "square.yaml";
   EXPECT_TRUE(says(see(options).said, "says 1.014, which is taken"));
+  // One that agrees with the file says nothing new.
+  std::string agreeing = kalibr(64, 48);
+  agreeing.replace(agreeing.find("70, 71, 25, 30"), 14, "60, 80, 31, 24");
+  write("wide.yaml", agreeing);
+  options.calibration = folder_ / "wide.yaml";
+  EXPECT_EQ(see(options).said, "");
   encode_flat(2, {"-c:v", "ffv1"}, "square.mkv");
+  options.source = folder_ / "square.mkv";
+  EXPECT_TRUE(says(see(options).said, "are the pixels that far from square?"));
   EXPECT_EQ(see("square.mkv").model.fy, see("square.mkv").model.fx);
 }
 
@@ -366,6 +420,9 @@ TEST_F(Media, ForeignPicturesReachNoDecoder) {
     EXPECT_TRUE(says(error("a.png", text), "not in a format that is read (PNG, JPEG, PNM, TIFF, BMP)")) << text;
   }
   EXPECT_TRUE(says(error("a.png", ""), "empty"));
+  // A chunk as long as numbers go: past the end, and not back to the beginning.
+  const std::string png = "\x89PNG\r\n\x1a\n" + std::string("\0\0\0\rIHDR\0\0\0\1\0\0\0\1\x8\0\0\0\0", 21) + "sums";
+  EXPECT_TRUE(says(error("a.png", png + "\xff\xff\xff\xf4" + "IDAT" + std::string(40, 'x')), "truncated"));
   EXPECT_TRUE(says(error("a.png", "P5\n100000 100000\n255\n"), "too large"));
   EXPECT_TRUE(says(error("a.png", std::string("\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\1\0\0\0\1\0\0\x8\0\0\0\0", 29)),
                    "65536x65536 pixels: too large"));

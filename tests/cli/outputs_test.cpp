@@ -28,6 +28,7 @@
 #include "platform/run/html.h"
 #include "platform/run/run.h"
 #include "platform/run/summary.h"
+#include "tests/support/scratch_folder.h"
 
 namespace pptam::platform {
 namespace {
@@ -54,13 +55,6 @@ struct Answered {
 
 class Outputs : public ::testing::Test {
  protected:
-  void SetUp() override {
-    std::string name = (fs::temp_directory_path() / "pptam-outputs-XXXXXX").string();
-    ASSERT_NE(mkdtemp(name.data()), nullptr);
-    folder_ = name;
-  }
-  void TearDown() override { fs::remove_all(folder_); }
-
   fs::path at(const std::string& name) const { return folder_ / name; }
   std::string read(const std::string& name) const {
     std::ifstream stream(at(name), std::ios::binary);
@@ -118,7 +112,8 @@ class Outputs : public ::testing::Test {
     ::_exit(99);
   }
 
-  fs::path folder_;
+  const test::ScratchFolder scratch_;
+  const fs::path& folder_ = scratch_.path();
 };
 
 // A second between frames: with the steady clock the program sleeps most of the time.
@@ -208,6 +203,27 @@ TEST_F(Outputs, AFolderKnowsWhatAnEarlierRunMadeThere) {
   }
   write("file", "x");
   EXPECT_TRUE(holds(message_of([&] { OutputFolder(at("file"), "--out", names, {}); }), "not a folder"));
+}
+
+TEST_F(Outputs, NamesThatVaryAreClearedBelowTheirFolder) {
+  const auto run = [&](const std::vector<std::string>& names) {
+    OutputFolder folder(at("o"), "--out", names, {});
+    folder.prepare();
+    for (const std::string& name : names) folder.write(name, "first " + name);
+    folder.finish("images/");
+  };
+  run({"a.txt", "images/1.png", "images/2.png", "images/3.png", "other/1.png"});
+  write("images/9.png", "mine");
+  write("o/images/3.png", "changed by the user");
+  run({"a.txt", "images/1.png"});
+  EXPECT_TRUE(fs::exists(at("o/images/1.png")));
+  EXPECT_FALSE(fs::exists(at("o/images/2.png"))) << "an earlier run's";
+  EXPECT_EQ(read("o/images/3.png"), "changed by the user");
+  EXPECT_TRUE(fs::exists(at("o/other/1.png"))) << "perhaps another command's";
+  // A list that names what lies elsewhere has no say there.
+  std::ofstream(at("o") / OutputFolder::kListName, std::ios::app) << "0 0 images/../../images/9.png\n";
+  run({"a.txt"});
+  EXPECT_EQ(read("images/9.png"), "mine");
 }
 
 TEST_F(Outputs, WhatAppearsDuringARunStays) {
@@ -508,6 +524,32 @@ TEST_F(Outputs, TheSecondSignalEndsAtOnceWithoutDrafts) {
   ASSERT_EQ(::waitpid(child, &status, 0), child);
   EXPECT_TRUE(WIFSIGNALED(status)) << status;  // by either: both may be pending, in no order
   EXPECT_FALSE(drafts_left());
+}
+
+TEST_F(Outputs, AFileThatHasTakenTheMapsPlaceStays) {
+  write("frame.pgm", kImage);
+  write("slow.txt", slow_list());
+  const pid_t child = start(kSlow + "--no-overlay --no-report --out o --save-map m.map");
+  ASSERT_GT(child, 0);
+  wait_for_start(at("o"));
+  write("m.map", "my map of the town\n");
+  ::kill(child, SIGINT);
+  int status = 0;
+  ASSERT_EQ(::waitpid(child, &status, 0), child);
+  EXPECT_TRUE(WIFEXITED(status) && WEXITSTATUS(status) == 1) << status;
+  EXPECT_EQ(read("m.map"), "my map of the town\n");
+  EXPECT_TRUE(fs::exists(at("o/frames.csv")));
+}
+
+// What cannot be written of a dump is an output that failed, not bad input.
+TEST_F(Outputs, ADumpThatCannotBeWrittenBrokeMidway) {
+  const auto code_of = [&](const std::string& limit, const std::string& arguments) {
+    const int status = std::system(("ulimit -f " + limit + "; " + shell(arguments) + " >/dev/null 2>&1").c_str());
+    return WIFEXITED(status) ? WEXITSTATUS(status) : 128;
+  };
+  EXPECT_EQ(code_of("0", "sim --duration 0.2 --dump d"), 1) << "not even the calibration";
+  EXPECT_EQ(code_of("unlimited", "sim --duration 0.2 --dump e"), 0);
+  EXPECT_EQ(code_of("unlimited", "sim --duration 0.2 --dump e"), 2) << "there is something";
 }
 
 TEST_F(Outputs, OneOutputThatFailsStopsNoOther) {

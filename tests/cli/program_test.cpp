@@ -14,6 +14,8 @@
 #include <utility>
 #include <vector>
 
+#include "tests/support/scratch_folder.h"
+
 namespace {
 
 namespace fs = std::filesystem;
@@ -34,13 +36,6 @@ struct Answer {
 
 class Program : public ::testing::Test {
  protected:
-  void SetUp() override {
-    std::string name = (fs::temp_directory_path() / "pptam-cli-XXXXXX").string();
-    ASSERT_NE(mkdtemp(name.data()), nullptr);
-    folder_ = name;
-  }
-  void TearDown() override { fs::remove_all(folder_); }
-
   // arguments are words for the shell.
   Answer run(const std::string& arguments, const std::string& environment = "") const {
     const fs::path out = folder_ / "stdout.txt";
@@ -55,7 +50,8 @@ class Program : public ::testing::Test {
     std::ofstream(folder_ / name, std::ios::binary) << content;
   }
 
-  fs::path folder_;
+  const pptam::test::ScratchFolder scratch_;
+  const fs::path& folder_ = scratch_.path();
 };
 
 // One pose every 0.1 s on a curve; positions times scale.
@@ -115,6 +111,8 @@ TEST_F(Program, BadInputIsOneLineThatNamesItAndLeavesNothingBehind) {
       {"sim --suite --scene moon --out o", "moon"},
       {"sim --story flood --out o", "flood"},
       {"sim --suite --story flood --out o", "flood"},
+      {"sim --harsh fog --out o", "fog"},
+      {"sim --harsh dim:2 --out o", "dim:2"},
       {"sim --story orbit --story zoom --out o", "--suite"},
       {"sim --story orbit --motion calm --out o", "--story"},
       {"sim --shard 1/2 --out o", "--suite"},
@@ -362,6 +360,13 @@ TEST_F(Program, FindsTheReadout) {
   // The truth is 60 ms; the command promises the trials' last step, 4.2 ms, and the minimum may lie half a step on.
   EXPECT_NEAR(std::stod(answer.out.substr(at + 26)), 0.060, 0.0065);
   EXPECT_EQ(run("readout nothing.mp4 --fov 50").code, 2);
+  // A recording that breaks off is told, whatever was found until then.
+  std::string list = read_all(folder_ / "d/rgb.txt");
+  list.resize(list.find('\n', list.size() * 3 / 4) + 1);
+  write("d/rgb.txt", list + "99 rgb/missing.png\n");
+  const Answer broken = run("readout d --calibration d/calibration.yaml --jobs 2 --axis columns");
+  EXPECT_EQ(broken.code, 1) << broken.out;
+  EXPECT_TRUE(contains(broken.err, "missing.png")) << broken.err;
   EXPECT_EQ(run("readout d --calibration d/calibration.yaml --axis diagonal").code, 2);
 }
 

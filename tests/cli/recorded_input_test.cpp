@@ -1,7 +1,6 @@
 // Recorded input: trajectories, images, calibrations, frame transforms, sequences and videos, honest and hostile.
 
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <cmath>
 #include <cstdint>
@@ -20,6 +19,7 @@
 #include "platform/child_process.h"
 #include "platform/trajectory.h"
 #include "tests/support/random.h"
+#include "tests/support/scratch_folder.h"
 
 namespace pptam::platform {
 namespace {
@@ -73,14 +73,6 @@ std::string input_error(const std::function<void()>& f) {
 
 class RecordedInput : public ::testing::Test {
  protected:
-  RecordedInput() {
-    const std::string test = ::testing::UnitTest::GetInstance()->current_test_info()->name();
-    folder_ = fs::path(::testing::TempDir()) / ("pptam_" + test + "_" + std::to_string(::getpid()));
-    fs::remove_all(folder_);
-    fs::create_directories(folder_);
-  }
-  ~RecordedInput() override { fs::remove_all(folder_); }
-
   RecordingOptions options(const fs::path& source) const {
     RecordingOptions o;
     o.source = source;
@@ -141,7 +133,8 @@ class RecordedInput : public ::testing::Test {
     ASSERT_EQ(child.finish(), 0) << child.errors();
   }
 
-  fs::path folder_;
+  const test::ScratchFolder scratch_;
+  const fs::path& folder_ = scratch_.path();
 };
 
 // ---- Trajectories ------------------------------------------------------------------------------------------------

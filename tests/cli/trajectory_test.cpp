@@ -2,7 +2,6 @@
 #include "platform/trajectory.h"
 
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <cmath>
 #include <filesystem>
@@ -14,6 +13,7 @@
 #include "platform/camera/ground_truth.h"
 #include "platform/input_error.h"
 #include "platform/text.h"
+#include "tests/support/scratch_folder.h"
 
 namespace pptam::platform {
 namespace {
@@ -22,14 +22,6 @@ namespace fs = std::filesystem;
 
 class TrajectoryFiles : public ::testing::Test {
  protected:
-  TrajectoryFiles() {
-    const std::string test = ::testing::UnitTest::GetInstance()->current_test_info()->name();
-    folder_ = fs::path(::testing::TempDir()) / ("pptam_" + test + "_" + std::to_string(::getpid()));
-    fs::remove_all(folder_);
-    fs::create_directories(folder_);
-  }
-  ~TrajectoryFiles() override { fs::remove_all(folder_); }
-
   fs::path written(const std::string& name, const std::string& text) const {
     fs::create_directories((folder_ / name).parent_path());
     std::ofstream(folder_ / name, std::ios::binary) << text;
@@ -51,7 +43,8 @@ class TrajectoryFiles : public ::testing::Test {
     return refusal([&] { (void)read_tum_trajectory(file, &warnings); });
   }
 
-  fs::path folder_;
+  const test::ScratchFolder scratch_;
+  const fs::path& folder_ = scratch_.path();
 };
 
 bool holds(const std::string& text, const std::string& part) {
@@ -298,6 +291,14 @@ TEST_F(GroundTruth, OfABodyNeedsThePlaceOfTheCamera) {
   ASSERT_EQ(found.trajectory.size(), 2u);
   EXPECT_EQ(found.trajectory[0].timestamp_ns, 1'000'000'000);
   EXPECT_LT((found.trajectory[0].T_wc.translation() - Eigen::Vector3d(10 - 1, 20 - 2, 30 + 3)).norm(), 1e-12);
+
+  // Kalibr tells it the other way round, for each camera.
+  const fs::path chain = written("camchain.yaml",
+                                 "cam0:\n  T_cam_imu:\n  - [1,0,0,-1]\n  - [0,1,0,-2]\n  - [0,0,1,-3]\n"
+                                 "  - [0,0,0,1]\n");
+  const Found chained = read({.euroc = mocap, .euroc_sensor = chain});
+  ASSERT_EQ(chained.trajectory.size(), 2u);
+  EXPECT_LT((chained.trajectory[0].T_wc.translation() - found.trajectory[0].T_wc.translation()).norm(), 1e-12);
 
   written("mav0/state_groundtruth_estimate0/data.csv", rows + "1100000000,1,2,3,0,0,0,1\n");  // goes first
   found = read(find_euroc_ground_truth(camera));

@@ -20,16 +20,16 @@ struct Detected {
   Pyramid pyramid;
 };
 
-Detected detect(const GreyView& image, const CornerParams& params = {}, int capacity = 500) {
+Detected detect(const GreyView& image, const CornerParams& params = {}, int capacity = 500, int enough = 0) {
   Detected d;
-  d.memory.resize(static_cast<size_t>(image.width * image.height * 2 + 4096));
+  d.memory.resize(static_cast<size_t>(image.width * image.height * 4 + 4096));
   Arena arena(d.memory);
   const PyramidStorage storage(arena, image.width, image.height, 1);
   CornerDetector detector(arena, image.width, image.height);
   EXPECT_FALSE(arena.overflowed());
   d.pyramid = build_pyramid(image, storage);
   d.corners.resize(static_cast<size_t>(capacity));
-  d.corners.resize(static_cast<size_t>(detector.detect(d.pyramid, params, d.corners)));
+  d.corners.resize(static_cast<size_t>(detector.detect(d.pyramid, params, d.corners, enough)));
   d.ascent_steps = detector.ascent_steps();
   return d;
 }
@@ -137,6 +137,25 @@ TEST(Corners, EveryLevelMustPass) {
       passes_l2 |= reference_score(d.pyramid.level[2], x, y, 1) > static_cast<double>(CornerParams().min_score);
   EXPECT_TRUE(passes_l2);
   EXPECT_EQ(d.corners.size(), 0u);
+}
+
+// Squares of 4 px on a grid of 20 with a contrast of c = 10 grey levels. In L2 a square is one pixel, whose gradients
+// of c / 2 in two of nine pixels score c^2 / 18 = 5.6, under the threshold of 6; in L1 and L0 it is 2 c^2 / 25 = 8 or
+// more. Corners of one level only follow where those of all levels are not enough, and none lies near another.
+TEST(Corners, WeakerOnesFollowWhereThereAreNotEnough) {
+  const OwnedImage image = OwnedImage(240, 320).fill([](int x, int y) { return x % 20 < 4 && y % 20 < 4 ? 118 : 128; });
+  const size_t strong = detect(image.view()).corners.size();
+  const Detected all = detect(image.view(), {}, 500, 500);
+  std::printf("%zu corners of all levels, %zu with those of L1\n", strong, all.corners.size());
+  EXPECT_EQ(strong, 0u);
+  EXPECT_GE(all.corners.size(), 100u);  // of 130 squares that are far enough from the border
+  EXPECT_EQ(detect(image.view(), {}, 500, static_cast<int>(strong)).corners.size(), strong);  // enough is enough
+  for (size_t i = 0; i < all.corners.size(); ++i) {
+    for (size_t j = 0; j < i; ++j) {
+      const int dx = all.corners[i].x - all.corners[j].x, dy = all.corners[i].y - all.corners[j].y;
+      EXPECT_GE(dx * dx + dy * dy, 36);
+    }
+  }
 }
 
 TEST(Corners, AreSpreadApartAndTakenInTurns) {

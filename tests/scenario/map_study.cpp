@@ -311,8 +311,7 @@ Precision compare(Problem start, double sigma, const Judge& judge) {
 
 Result study(const sim::PhoneOptions& phone, float shutter_told) {
   Result result;
-  const auto scene =
-      std::make_shared<const sim::Scene>(sim::make_scene(phone.scene, phone.scene_seed.value_or(phone.seed)));
+  const auto scene = std::make_shared<const sim::Scene>(sim::make_scene(phone));
   const auto camera = sim::make_phone_camera(phone, scene);
   const platform::Trajectory truth = camera->ground_truth();
   const sim::Story story = sim::story_of(phone, *scene);

@@ -17,6 +17,7 @@
 #include "tests/support/random.h"
 #include "tests/support/recording.h"
 #include "tests/support/sample.h"
+#include "tests/support/scratch_folder.h"
 
 namespace pptam {
 namespace {
@@ -57,17 +58,11 @@ Bytes saved(Phone& phone) {
 // A file in the temporary folder, for as long as it is needed.
 class MapFile {
  public:
-  explicit MapFile(const Bytes& content) {
-    std::string name = (std::filesystem::temp_directory_path() / "pptam-map-XXXXXX").string();
-    if (mkdtemp(name.data()) == nullptr) ADD_FAILURE() << "no temporary folder";
-    folder_ = name;
-    platform::write_atomically(path(), content);
-  }
-  ~MapFile() { std::filesystem::remove_all(folder_); }
+  explicit MapFile(const Bytes& content) { platform::write_atomically(path(), content); }
   std::string path() const { return (folder_ / "saved.map").string(); }
 
  private:
-  std::filesystem::path folder_;
+  const test::ScratchFolder folder_;
 };
 
 // Both trajectories where both have a pose.

@@ -75,6 +75,7 @@ TEST(Stories, EverySeedTellsItsOwnAndAlwaysTheSame) {
 
 TEST(Stories, StartHeldStillThenMoveSidewaysAndStayOverTheTable) {
   for (const StoryKind& kind : stories()) {
+    if (kind.map == WantedMap::kNone) continue;  // rests
     for (uint64_t seed = 1; seed <= kSeeds; ++seed) {
       const std::string where = std::string(kind.name) + " " + std::to_string(seed);
       const Story story = story_named(kind.name, seed);
@@ -112,7 +113,7 @@ TEST(Stories, HandsMoveSmoothly) {
                             (kStep_s * kStep_s);
       ASSERT_LT(bend.norm(), 9) << kind.name << " at " << t;
       const bool turns = inside(story.lost, t, 0.05) || std::string(kind.name) == "fast_pans" ||
-                         (story.standstill && t > story.standstill->step_from_s - 0.05);
+                         inside(story.pans, t, 0.05) || (story.standstill && t > story.standstill->step_from_s - 0.05);
       if (!turns) {
         ASSERT_LT(rate_deg_s(story.curve, t), 50) << kind.name << " at " << t;
       }
@@ -316,6 +317,34 @@ TEST(Stories, TheHandCoversAThirdToAHalfAndGoesAway) {
     EXPECT_LT(most, 0.6) << seed;
     EXPECT_GT(story.occluder->position(6).z(), 0.2);  // half-way to the desk
     EXPECT_LT(story.occluder->position(6).z(), 0.35);
+  }
+}
+
+TEST(Stories, PansTurnOnTheSpotAndBack) {
+  for (const char* const name : {"pan", "pan_corner"}) {
+    for (uint64_t seed = 1; seed <= kSeeds; ++seed) {
+      const std::string where = std::string(name) + " " + std::to_string(seed);
+      const Story story = story_named(name, seed);
+      ASSERT_EQ(story.pans.size(), 2U) << where;
+      EXPECT_GT(story.pan_depth_m, 0.4) << where;
+      for (const Interval& pan : story.pans) {
+        EXPECT_GT(pan.from_s, 6) << where << ": time for a map";
+        EXPECT_LT(pan.to_s + 0.7, find_story(name)->duration_s) << where;
+        const Isometry3d before = story.curve(pan.from_s);
+        double fastest = 0, widest = 0;
+        for (double t = pan.from_s; t < pan.to_s; t += kStep_s) {
+          const Isometry3d now = story.curve(t);
+          fastest = std::max(fastest, rate_deg_s(story.curve, t));
+          widest = std::max(widest, angle_between(before, now) / kDegree);
+          ASSERT_LT((now.translation() - before.translation()).norm(), 0.012) << where;  // the unrest alone
+        }
+        // With the tremor's 5 degrees/s.
+        EXPECT_GT(fastest, 50) << where;
+        EXPECT_LT(fastest, 108) << where;
+        EXPECT_GT(widest, 45) << where;
+        EXPECT_LT(angle_between(before, story.curve(pan.to_s)) / kDegree, 2.5) << where;
+      }
+    }
   }
 }
 

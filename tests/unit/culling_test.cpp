@@ -515,11 +515,11 @@ TEST_F(PaintedCullingTest, ErasedKeyframesServePatchesAndRelocalisation) {
   EXPECT_GE(found, 15);
   // Seen from where the erased one stood: it is the best match, and its pose comes back.
   Arena measure;
-  const FullFrameRotation measured(measure, config_.camera.model);
+  const FullFrameRotation measured(measure, config_.camera);
   std::vector<std::max_align_t> memory(measure.used() / sizeof(std::max_align_t) + 1);
   Arena arena(std::as_writable_bytes(std::span(memory)));
-  FullFrameRotation rotation(arena, config_.camera.model);
-  const RelocalisationCandidate candidate = propose_pose(map_, rotation, map_.keyframes()[2].small, 0, meter_);
+  FullFrameRotation rotation(arena, config_.camera);
+  const RelocalisationCandidate candidate = propose_pose(map_, rotation, false, map_.keyframes()[2].small, 0, meter_);
   EXPECT_EQ(candidate.keyframe, 2);
   EXPECT_LT((candidate.T_cw.t - map_.keyframes()[2].T_kw.t).norm(), 1e-3f);
 }

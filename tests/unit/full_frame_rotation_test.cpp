@@ -109,7 +109,7 @@ RotationEstimate estimate(const Small& previous, const Small& current,
                           const Vector3f& t_over_depth = Vector3f::Zero()) {
   alignas(Arena::kAlignment) std::byte memory[32 * 1024];
   Arena arena(memory);
-  FullFrameRotation full_frame_rotation(arena, phone_camera());
+  FullFrameRotation full_frame_rotation(arena, {phone_camera(), {}});
   EXPECT_FALSE(arena.overflowed());
   return full_frame_rotation.estimate(previous.view(), current.view(), Matrix3f::Identity(), t_over_depth);
 }
@@ -226,6 +226,70 @@ TEST(FullFrameRotation, KnownTranslationIsNotTakenForRotation) {
     EXPECT_LT(angle_between(with.R_cp, Matrix3f::Identity()), kTolerance_rad);
     const RotationEstimate without = estimate(previous, current);
     EXPECT_GT(angle_between(without.R_cp, Matrix3f::Identity()), 0.03 / 2) << "else the translation was not seen";
+  }
+}
+
+// Lamps of 8 to 20 % draw two to three bands along the shutter's lines, elsewhere in each frame. Told of it, the
+// estimate has twice the errors of steady light at most, because the lines' gains take a share of what the pixels tell;
+// and whoever looks at line_share knows.
+TEST(FullFrameRotation, LampBandsAreNotATurn) {
+  test::Random random;
+  double sum_sq = 0, sum_sq_untold = 0, share = 0;
+  const int trials = test::trials(40);
+  for (int trial = 0; trial < trials; ++trial) {
+    const bool rows = trial % 2 == 0;
+    const Texture texture(random);
+    const Vector3f turn = random_axis(random) * static_cast<float>(random.uniform(0, 0.03));
+    const double depth = random.uniform(0.08, 0.2), bands = random.uniform(2, 3);
+    const double first_phase = random.uniform(0, 6.28318);
+    const double phase[2] = {first_phase, first_phase + random.uniform(1.5, 4.7)};  // apart
+    const auto lit = [&](int frame, const Matrix3f& R_cw) {
+      const Eigen::Matrix3d R_wc = R_cw.cast<double>().transpose();
+      return render(
+          [&](const Eigen::Vector3d& ray) {
+            const double line = rows ? ray.y() * 358.6 / 320 : ray.x() * 358.6 / 240;
+            return texture(R_wc * ray.normalized()) * (1 + depth * std::sin(6.28318 * bands * line + phase[frame]));
+          },
+          0.8, 0, 2, random);
+    };
+    const Small previous = lit(0, Matrix3f::Identity()), current = lit(1, so3_exp(turn));
+    alignas(Arena::kAlignment) std::byte memory[32 * 1024];
+    Arena arena(memory);
+    const RollingShutter shutter{rows ? RollingShutter::Axis::kRows : RollingShutter::Axis::kColumns, 1e-4f};
+    FullFrameRotation full_frame_rotation(arena, {phone_camera(), shutter});
+    ASSERT_FALSE(arena.overflowed());
+    const auto estimated = [&](bool told) {
+      return full_frame_rotation.estimate(previous.view(), current.view(), Matrix3f::Identity(), Vector3f::Zero(),
+                                          told);
+    };
+    const RotationEstimate told = estimated(true), untold = estimated(false);
+    ASSERT_TRUE(told.ok) << trial;
+    EXPECT_LT(angle_between(told.R_cp, so3_exp(turn)), 2 * kTolerance_rad) << trial << (rows ? " rows" : " columns");
+    share += static_cast<double>(told.line_share) / trials;
+    sum_sq += std::pow(angle_between(told.R_cp, so3_exp(turn)), 2) / trials;
+    sum_sq_untold += std::pow(angle_between(untold.R_cp, so3_exp(turn)), 2) / trials;
+  }
+  std::printf("under lamp bands: %.4f rad rms, untold %.4f; line_share %.2f\n", std::sqrt(sum_sq),
+              std::sqrt(sum_sq_untold), share);
+  EXPECT_GT(share, 0.5);
+  EXPECT_GT(sum_sq_untold, 9 * sum_sq);  // control: bands that are not allowed for are taken for turns
+}
+
+// line_share of frames in steady light, turning, under both kinds of shutter: it must not pass for bands.
+TEST(FullFrameRotation, SteadyLightHasNoBands) {
+  test::Random random;
+  LampBands bands;
+  for (int trial = 0; trial < test::trials(40); ++trial) {
+    const Texture texture(random);
+    const Vector3f turn = random_axis(random) * static_cast<float>(random.uniform(0, 0.05));
+    const Small previous = render_turned(texture, Matrix3f::Identity(), 1, 0, 2, random);
+    const Small current = render_turned(texture, so3_exp(turn), 1, 0, 2, random);
+    alignas(Arena::kAlignment) std::byte memory[32 * 1024];
+    Arena arena(memory);
+    FullFrameRotation full_frame_rotation(arena, {phone_camera(), {RollingShutter::Axis::kRows, 1e-4f}});
+    bands.note(full_frame_rotation.estimate(previous.view(), current.view(), Matrix3f::Identity(), Vector3f::Zero())
+                   .line_share);
+    EXPECT_FALSE(bands.seen()) << trial;
   }
 }
 
