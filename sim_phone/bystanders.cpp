@@ -17,19 +17,6 @@ constexpr double kFirst_s = 4;        // the first arm comes
 constexpr double kFirstStep_s = 1.5;  // the first person, who takes over two seconds to come into view
 constexpr double kClothTexel_m = 0.001;
 
-Surface moving_surface(Canvas& canvas, const Vector3d& origin, const Vector3d& u, const Vector3d& v, double light) {
-  Surface surface;
-  surface.origin = origin;
-  surface.u_axis = u;
-  surface.v_axis = v;
-  surface.width_m = canvas.width_m();
-  surface.height_m = canvas.height_m();
-  surface.texel_m = canvas.texel_m();
-  surface.light = static_cast<float>(light);
-  surface.texture = canvas.finish();
-  return surface;
-}
-
 // Cloth: checked, or printed all over.
 void cloth(Canvas& canvas, Random& random) {
   const Place place(0, 0, 0);
@@ -50,7 +37,7 @@ std::shared_ptr<Mover> make_arm(Random& random) {
   const Vector3d u = Vector3d::UnitX(), v = -Vector3d::UnitY();
   auto arm = std::make_shared<Mover>();
   const auto add = [&](Canvas& canvas, double from_x, double z) {
-    arm->surfaces.push_back(moving_surface(canvas, {from_x, 0.5 * canvas.height_m(), z}, u, v, 0.9));
+    arm->surfaces.push_back(surface_of(canvas, {from_x, 0.5 * canvas.height_m(), z}, u, v, 0.9));
   };
   Canvas sleeve(kSleeve_m, random.uniform(0.08, 0.12), kClothTexel_m),
       hand(kHand_m, random.uniform(0.07, 0.09), kClothTexel_m);
@@ -101,7 +88,7 @@ std::shared_ptr<Mover> make_person(Random& random) {
   const Vector3d u = -Vector3d::UnitX(), v = -Vector3d::UnitZ();  // v x u points along y
   auto person = std::make_shared<Mover>();
   const auto add = [&](Canvas& canvas, double top, double y) {
-    person->surfaces.push_back(moving_surface(canvas, {0.5 * canvas.width_m(), y, top}, u, v, 0.9));
+    person->surfaces.push_back(surface_of(canvas, {0.5 * canvas.width_m(), y, top}, u, v, 0.9));
   };
   Canvas body(width, 0.9, kClothTexel_m), head(0.17, 0.23, kClothTexel_m);
   cloth(body, random);
@@ -172,8 +159,8 @@ std::shared_ptr<const Mover> make_carried_thing(const Isometry3d& T_wc, double d
   Canvas canvas(width, height, 0.0005);
   cover(canvas, Place(0.5 * width, 0.5 * height, 0), width, height, random);
   // Seen from the camera: columns to the right, rows downwards, v x u points to the camera.
-  thing->surfaces.push_back(moving_surface(canvas, {-0.5 * width, -0.5 * height, 0}, Vector3d::UnitX(),
-                                           Vector3d::UnitY(), random.uniform(0.8, 1)));
+  thing->surfaces.push_back(surface_of(canvas, {-0.5 * width, -0.5 * height, 0}, Vector3d::UnitX(), Vector3d::UnitY(),
+                                       random.uniform(0.8, 1)));
   const double reach_x = random.uniform(0.1, 0.14) * depth, reach_y = random.uniform(0.08, 0.18) * depth;
   const double rate_x = 2 * std::numbers::pi / random.uniform(3, 5),
                rate_y = 2 * std::numbers::pi / random.uniform(3, 7);

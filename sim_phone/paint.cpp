@@ -312,4 +312,18 @@ void uneven_light(Canvas& canvas, Random& random) {
   });
 }
 
+Surface surface_of(Canvas& canvas, const Vector3d& origin, const Vector3d& u_axis, const Vector3d& v_axis,
+                   double light) {
+  Surface surface;
+  surface.origin = origin;
+  surface.u_axis = u_axis;
+  surface.v_axis = v_axis;
+  surface.width_m = canvas.width_m();
+  surface.height_m = canvas.height_m();
+  surface.texel_m = canvas.texel_m();
+  surface.light = static_cast<float>(light);
+  surface.texture = canvas.finish();
+  return surface;
+}
+
 }  // namespace pptam::sim

@@ -195,4 +195,9 @@ void wood(Canvas& canvas, Random& random);
 // Light that falls a little unevenly on a canvas.
 void uneven_light(Canvas& canvas, Random& random);
 
+// The painted canvas as a surface: `origin` is where its corner (0, 0) lies, metres; light as Surface::light. The
+// canvas is used up.
+Surface surface_of(Canvas& canvas, const Vector3d& origin, const Vector3d& u_axis, const Vector3d& v_axis,
+                   double light);
+
 }  // namespace pptam::sim

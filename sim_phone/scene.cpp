@@ -18,20 +18,6 @@ constexpr double kTableTexel_m = 0.0005;
 constexpr double kWallTexel_m = 0.001;
 constexpr double kFloorTexel_m = 0.004;
 
-Surface surface_of(Canvas& canvas, const Vector3d& origin, const Vector3d& u_axis, const Vector3d& v_axis,
-                   double light) {
-  Surface surface;
-  surface.origin = origin;
-  surface.u_axis = u_axis;
-  surface.v_axis = v_axis;
-  surface.width_m = canvas.width_m();
-  surface.height_m = canvas.height_m();
-  surface.texel_m = canvas.texel_m();
-  surface.light = static_cast<float>(light);
-  surface.texture = canvas.finish();
-  return surface;
-}
-
 Surface make_floor(double size_m, double z, double light, Random& random) {
   Canvas canvas(size_m, size_m, kFloorTexel_m);
   const uint32_t seed = static_cast<uint32_t>(random.bits());

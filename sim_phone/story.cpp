@@ -368,15 +368,7 @@ Surface piece_of_hand(double width_m, double height_m, const Vector3d& origin, c
   constexpr double kTexel_m = 0.0005;
   Canvas canvas(width_m, height_m, kTexel_m);
   skin(canvas, random);
-  Surface surface;
-  surface.origin = origin;
-  surface.u_axis = u;
-  surface.v_axis = v;
-  surface.width_m = canvas.width_m();
-  surface.height_m = canvas.height_m();
-  surface.texel_m = canvas.texel_m();
-  surface.texture = canvas.finish();
-  return surface;
+  return surface_of(canvas, origin, u, v, 1);
 }
 
 Story hand_passing(const Stage& stage, Random& random, uint64_t seed) {

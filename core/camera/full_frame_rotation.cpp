@@ -45,15 +45,20 @@ constexpr int kUnit = 16;                // warped_ is in units of 1/kUnit grey 
 
 }  // namespace
 
+void LampBands::note(float line_share) {
+  mean_share_ += kShareBlend * (line_share - mean_share_);
+  seen_ = mean_share_ > (seen_ ? kMinShareToStay : kMinShare);
+}
+
 FullFrameRotation::FullFrameRotation(Arena& arena, const Camera& camera)
     : camera_(camera.model),
-      lines_of_(camera.shutter.line_time_s == 0                      ? LampLines::kNone
-                : camera.shutter.axis == RollingShutter::Axis::kRows ? LampLines::kRows
-                                                                     : LampLines::kColumns),
+      shutter_lines_(camera.shutter.line_time_s == 0                      ? LampLines::kNone
+                     : camera.shutter.axis == RollingShutter::Axis::kRows ? LampLines::kRows
+                                                                          : LampLines::kColumns),
       width_(camera.model.width >> kLevel),
       height_(camera.model.height >> kLevel),
       pixels_(arena, width_ * height_),
-      lines_(arena, lines_of_ == LampLines::kNone ? 0 : std::max(width_, height_)),
+      lines_(arena, shutter_lines_ == LampLines::kNone ? 0 : std::max(width_, height_)),
       warped_(arena, width_ * height_) {
   if (arena.measuring()) return;
   pixels_.resize(pixels_.capacity());
@@ -109,7 +114,7 @@ RotationEstimate FullFrameRotation::estimate(const GreyView& previous, const Gre
   previous_ = previous;
   current_ = current;
   t_over_depth_ = t_over_depth;
-  lamp_bands_ = lamp_bands && lines_of_ != LampLines::kNone;
+  lamp_bands_ = lamp_bands && shutter_lines_ != LampLines::kNone;
   gain_ = Gain();
   for (Line& line : lines_) line = Line();
   result_ = RotationEstimate();
@@ -146,7 +151,7 @@ void FullFrameRotation::sum_row(int y) {
   const float x_middle = 0.5f * static_cast<float>(width_ - 1), y_middle = 0.5f * static_cast<float>(height_ - 1);
   const float unit = 2.0f / static_cast<float>(width_ + height_);  // scales coordinates to order 1
   const float ys = unit * (static_cast<float>(y) - y_middle);
-  const float row_gain = gain_.gain + gain_.y * ys + (lines_of_ == LampLines::kRows ? lines_[y].gain : 0),
+  const float row_gain = gain_.gain + gain_.y * ys + (shutter_lines_ == LampLines::kRows ? lines_[y].gain : 0),
               gain_x = gain_.x, offset = gain_.offset;
   float J0_J0 = 0, J1_J0 = 0, J1_J1 = 0, J2_J0 = 0, J2_J1 = 0, J2_J2 = 0;
   float J0_I = 0, J1_I = 0, J2_I = 0, J0_1 = 0, J1_1 = 0, J2_1 = 0, J0_X = 0, J1_X = 0, J2_X = 0;
@@ -159,7 +164,7 @@ void FullFrameRotation::sum_row(int y) {
     const int16_t left = I_w[-1], right = I_w[1], above = I_w[-width_], below = I_w[width_];
     if (I_w[0] == kOutside || left == kOutside || right == kOutside || above == kOutside || below == kOutside) continue;
     const float xs = unit * (static_cast<float>(x) - x_middle);
-    const float pixel_gain = row_gain + gain_x * xs + (lines_of_ == LampLines::kColumns ? lines_[x].gain : 0);
+    const float pixel_gain = row_gain + gain_x * xs + (shutter_lines_ == LampLines::kColumns ? lines_[x].gain : 0);
     // J = (grad I_p + grad I_warped) / 2 * d(pixel)/d(omega) [phone 4]. Both gradients are in the previous camera's
     // pixels. A factor 1/2 comes from the central differences, another from the mean of the two images.
     constexpr float kWarped = 0.25f / kUnit;
@@ -186,18 +191,18 @@ void FullFrameRotation::sum_row(int y) {
     J0_e += wJ0 * e, J1_e += wJ1 * e, J2_e += wJ2 * e, I_e += wI * e, e_1 += we, X_e += wX * e;
     cost += we * e;
     ++count_;
-    if (lines_of_ != LampLines::kColumns) continue;
+    if (shutter_lines_ != LampLines::kColumns) continue;
     Line& line = lines_[x];
     line.I_I += wI * I;
     line.I_e += wI * e;
     if (lamp_bands_) line.add({wJ0 * I, wJ1 * I, wJ2 * I, -wI * I, -wI, -wX * I, -wI * I * ys});
   }
   cost_ += cost;
-  if (lines_of_ == LampLines::kRows) {
+  if (shutter_lines_ == LampLines::kRows) {
     Line& line = lines_[y];
     line.I_I = I_I;
     line.I_e = I_e;
-    line.add({J0_I, J1_I, J2_I, -I_I, -I_1, -I_X, -I_I * ys});
+    if (lamp_bands_) line.add({J0_I, J1_I, J2_I, -I_I, -I_1, -I_X, -I_I * ys});
   }
   // u of the last parameter is -I y, where y is constant along the row: its sums are multiples of the others.
   const float row[kUnknowns][kUnknowns] = {
@@ -215,11 +220,6 @@ void FullFrameRotation::sum_row(int y) {
     for (int k = 0; k <= j; ++k) equations_.A(j, k) += row[j][k];
     equations_.b(j) += row_e[j];
   }
-}
-
-void LampBands::note(float line_share) {
-  mean_share_ += kShareBlend * (line_share - mean_share_);
-  seen_ = mean_share_ > (seen_ ? kMinShareToStay : kMinShare);
 }
 
 void FullFrameRotation::Line::add(const float (&sums)[kUnknowns]) {

@@ -3,7 +3,9 @@
 // Direct 3-DOF efficient second-order minimisation (ESM) with gain and offset and Huber weights. It needs no map, so it
 // serves every tracking state. No allocation after construction. Without a map and at a narrow field of view it
 // measures *apparent* rotation: 0.1 m/s sideways at 1 m looks like 5.7 degrees/s. With a map, give the motion model's
-// translation divided by the scene's depth; then only the residual rotation is estimated.
+// translation divided by the scene's depth; then only the residual rotation is estimated. Lamps that flicker draw bands
+// along the lines of a rolling shutter, which move from frame to frame and look like a turn: when they are seen, each
+// line has a gain of its own.
 #pragma once
 
 #include <pocket_ptam/camera.h>
@@ -20,8 +22,8 @@ struct RotationEstimate {
   int iterations = 0;
   bool ok = false;    // enough overlap and texture, converged
   bool near = false;  // ok, or only convergence is missing: good enough to start a wide search
-  // Share of the squared residuals that a gain for each of the shutter's lines would explain. 0 without a rolling
-  // shutter. Measured: 0.02 to 0.3 under steady light; 0.4 to 0.95 under lamps whose bands are 5 to 20 % strong.
+  // Share of the squared residuals that a gain for each of the shutter's lines explains or would explain. 0 without a
+  // rolling shutter. Small under steady light, and most of them under bands (tests/unit).
   float line_share = 0;
 };
 
@@ -42,13 +44,12 @@ class FullFrameRotation {
 
   // Aligns `current` with `previous`, both made by make_small_image() from images of the camera's size. R_start: start
   // for R_cp. t_over_depth: translation of T_cp divided by the scene's mean depth; zero without a map. lamp_bands:
-  // gives each line a gain of its own, because bands move from frame to frame and would be taken for a turn. Without
-  // bands that wastes information: shaken at 200 degrees/s, half of the frames are lost.
+  // gives each of the shutter's lines a gain of its own; in steady light that only wastes information.
   RotationEstimate estimate(const GreyView& previous, const GreyView& current, const Matrix3f& R_start,
                             const Vector3f& t_over_depth, bool lamp_bands = false);
 
   // The shutter's lines; kNone of a global shutter.
-  LampLines lines() const { return lines_of_; }
+  LampLines lines() const { return shutter_lines_; }
 
  private:
   friend class RobustFit<FullFrameRotation>;
@@ -87,10 +88,10 @@ class FullFrameRotation {
   float line_share() const;
 
   CameraModel camera_;
-  LampLines lines_of_;
+  LampLines shutter_lines_;
   int width_, height_;
   FixedVector<Pixel> pixels_;
-  FixedVector<Line> lines_;
+  FixedVector<Line> lines_;      // rows or columns of the small image; none of a global shutter
   FixedVector<int16_t> warped_;  // the current image as the previous camera would see it, 1/16 grey; kOutside elsewhere
 
   // State of the estimate in progress.

@@ -41,9 +41,9 @@ struct CornerParams {
 float shi_tomasi_score(const GreyView& image, int x, int y);
 
 // Finds corners one at a time, as CornerSource does. A piece of work is to score one row, to order one round of
-// the buckets, or to follow one maximum down to L0. Within a round the strongest in L2 comes first. Corner::score is
-// the smallest of the minimum eigenvalues in L0, L1 and L2, grey^2/px^2. Two corners are never closer than 6 level-0
-// pixels. No allocation after construction; memory is about 12 bytes for each L1 pixel.
+// the buckets, or to follow one maximum down to L0. Within a round the strongest comes first. Corner::score is the
+// smallest of the minimum eigenvalues in the levels that it was followed through, grey^2/px^2. Two corners are never
+// closer than 6 level-0 pixels. No allocation after construction; memory is about 12 bytes for each L1 pixel.
 class CornerDetector {
  public:
   CornerDetector() = default;

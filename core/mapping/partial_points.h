@@ -23,6 +23,10 @@ class PartialPoints final : public PointSource {
   FrameStack& frames() { return background_.frames(); }
 
  private:
+  struct OutOfView {  // a partial point that a keyframe does not show
+    uint32_t id = 0;
+    int32_t slot = 0;  // of Map::partial_points()
+  };
   Task<> promote_all(int keyframe);
   bool promote(int partial, int keyframe);
   Task<> add_corners(int keyframe);
@@ -35,13 +39,8 @@ class PartialPoints final : public PointSource {
   Background& background_;
   CornerSource* corner_source_;
   PatchFinder finder_;
-  struct OutOfView {
-    uint32_t id = 0;
-    int32_t slot = 0;  // of Map::partial_points()
-  };
-
-  FixedVector<Vector2f> occupied_;      // level-0 pixels of a keyframe that already have a point
-  FixedVector<OutOfView> out_of_view_;  // partial points that a keyframe does not show
+  FixedVector<Vector2f> occupied_;  // level-0 pixels of a keyframe that already have a point
+  FixedVector<OutOfView> out_of_view_;
 };
 
 }  // namespace pptam

@@ -166,7 +166,7 @@ void HomographyInitialiser::constrain(const FrameInput& frame, const Matrix3f& R
     renew_first_view(frame, rotation_rate);
     return;
   }
-  if (tracker_.camera_stands()) {
+  if (tracker_.camera_stands()) {  // the motion is that of a thing in the view
     report_.progress = information_ = 0;
     renew_first_view(frame, rotation_rate);
     return;

@@ -15,9 +15,9 @@ class KeyframePolicy {
  public:
   KeyframePolicy(const Config& config, Map& map, WorkMeter& meter) : config_(config), map_(map), meter_(meter) {}
 
-  // True when this frame, whose pose is good, should become a keyframe. held: inliers that will still be in view in
+  // True when this frame, whose pose is known, should become a keyframe. staying: inliers that will still be in view in
   // half a second.
-  bool wants(int64_t timestamp_ns, const MotionModel& motion, int held) const;
+  bool wants(int64_t timestamp_ns, const MotionModel& motion, int staying) const;
   // Copies the frame and its inliers into the queue's next slot.
   void hold(const FrameInput& frame, const MotionModel& motion, std::span<const Attempt> attempts);
   // The held frame joins the queue. release_unmeasured(): with the velocity expected from the frames before it.

@@ -19,9 +19,9 @@ constexpr int kPoorInliers = 8;
 // level-0 px, at less than this share of its depth. Not swept. Larger values excuse more misses, wrong poses' too.
 constexpr float kMaxOccluderDistance_px = 25.0f;
 constexpr float kMaxOccluderDepthRatio = 0.85f;
-// Time after which inliers must still be in view to count as held, s: a new corner serves the pose after about this
+// Time after which inliers must still be in view to count as staying, s: a new corner serves the pose after about this
 // time, at 15 frames/s. Not swept.
-constexpr float kHeldAhead_s = 0.5f;
+constexpr float kStayingAhead_s = 0.5f;
 // Radius of the search, pixels of the level searched: of every frame [phone 4], and of the coarse stage of a wide
 // search. The wide radius is not swept.
 constexpr float kRadius_px = 4.0f, kWideRadius_px = 7.0f;
@@ -190,16 +190,16 @@ float MapMatching::mean_depth(const SE3& T_cw, float without) const {
   return count > 0 ? sum / static_cast<float>(count) : without;
 }
 
-int MapMatching::held(const MotionModel& motion) const {
-  const SE3 T_ahead = SE3::exp(motion.last_motion() * kHeldAhead_s) * motion.T_cw();
-  int held = 0;
+int MapMatching::staying(const MotionModel& motion) const {
+  const SE3 T_ahead = SE3::exp(motion.last_motion() * kStayingAhead_s) * motion.T_cw();
+  int staying = 0;
   for (const Attempt& attempt : attempts_) {
     Vector2f px;
-    held += attempt.outcome == Attempt::Outcome::kInlier &&
-            config_.camera.project(T_ahead * map_.points()[attempt.point].p_w, &px) &&
-            config_.camera.in_image(px, kSearchBorder_px);
+    staying += attempt.outcome == Attempt::Outcome::kInlier &&
+               config_.camera.project(T_ahead * map_.points()[attempt.point].p_w, &px) &&
+               config_.camera.in_image(px, kSearchBorder_px);
   }
-  return held;
+  return staying;
 }
 
 float MapMatching::reprojection_px() const {

@@ -64,7 +64,7 @@ class MapMatching {
   // Results of the last match.
   std::span<const Attempt> attempts() const { return attempts_; }
   float mean_depth(const SE3& T_cw, float without) const;  // of the inliers, world units; `without` if there are none
-  int held(const MotionModel& motion) const;               // inliers that will still be in view in half a second
+  int staying(const MotionModel& motion) const;            // inliers that will still be in view in half a second
   float reprojection_px() const;                           // rms error of an inlier's coordinate, level-0 pixels
   int capacity() const { return selection_.capacity(); }
   void forget() { attempts_.clear(); }

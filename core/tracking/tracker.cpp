@@ -126,10 +126,9 @@ TrackResult Tracker::track(const Frame& frame, const Clock* clock) {
 
 // The last picture once more, as from a recorder that stalls or at a lower rate than its times say: it has the last
 // picture's pose, and the motion model learns nothing from it.
-TrackResult Tracker::repeated(TrackResult result) {
+TrackResult Tracker::repeated(const TrackResult& taken) {
   follow_map();
-  const TrackResult taken = result;
-  result = last_;
+  TrackResult result = last_;
   result.timestamp_ns = taken.timestamp_ns;
   std::copy_n(taken.stage_ns, kStages, result.stage_ns);
   result.state = state_;
@@ -151,7 +150,7 @@ void Tracker::predict() {
   const GreyImage& small = frame_.small();
   const RotationEstimate rotation = full_frame_rotation_.estimate(
       frame_.previous_small(), small, motion_.expected_motion().R, motion_.expected_shift(), lamp_bands_.seen());
-  lamp_bands_.note(rotation.line_share);
+  if (rotation.near) lamp_bands_.note(rotation.line_share);
   if (lamp_bands_.seen()) frame_.set_lamp_lines(full_frame_rotation_.lines());
   meter_.charge(Work::kRotationPixel, static_cast<int64_t>(rotation.iterations) * small.width * small.height);
   motion_.turn(&rotation);
@@ -163,9 +162,9 @@ void Tracker::track_with_map(TrackResult* result) {
   const bool blurred = blur_px > kBlurLimit_px;
   const Search search = blurred ? Search::kBlurred : motion_.missed() > 0 ? Search::kWide : Search::kNormal;
   const bool with_partials = map_.ready() && !map_.locked() && confirmed_ == 0;
-  MapMatch match = this->match(search, with_partials);
+  MapMatch match = match_with_partials(search, with_partials);
   if (search == Search::kNormal && match.quality == TrackingQuality::kBad)
-    match = this->match(Search::kWide, with_partials);
+    match = match_with_partials(Search::kWide, with_partials);
   matching_.report(&observed_);
   mark_stage(Stage::kSearch, result);
 
@@ -185,10 +184,10 @@ void Tracker::track_with_map(TrackResult* result) {
 
 // Map points give the pose. Partial points are searched from there, or from the prediction when there is none, as many
 // as map points are lacking; where those are few the pose is found anew from both kinds.
-MapMatch Tracker::match(MapMatching::Search search, bool with_partials) {
+MapMatch Tracker::match_with_partials(MapMatching::Search search, bool allowed) {
   MapMatch match = matching_.match(frame_.pyramid(), motion_, search);
   depth_filter_.forget();
-  if (!with_partials) return match;
+  if (!allowed) return match;
   const bool placed = match.quality != TrackingQuality::kBad;
   DepthFilter::Start start;
   start.T_cw = placed ? match.pose.T_cw : motion_.T_predicted();
@@ -242,7 +241,7 @@ void Tracker::accept(const MapMatch& match, bool blurred, TrackResult* result) {
   if (!map_.ready() || fixed) return;
   depth_filter_.update(motion_, &observed_, result);
   mark_stage(Stage::kPartial, result);
-  if (!keyframe_policy_.wants(frame_.timestamp_ns(), motion_, matching_.held(motion_))) return;
+  if (!keyframe_policy_.wants(frame_.timestamp_ns(), motion_, matching_.staying(motion_))) return;
   keyframe_policy_.hold(frame_, motion_, matching_.attempts());
   result->keyframe_added = true;
   mark_stage(Stage::kKeyframe, result);

@@ -38,12 +38,12 @@ class Tracker {
  private:
   void predict();
   void track_with_map(TrackResult* result);
-  MapMatch match(MapMatching::Search search, bool with_partials);
+  MapMatch match_with_partials(MapMatching::Search search, bool allowed);
   void accept(const MapMatch& match, bool blurred, TrackResult* result);
   void miss();
   void relocalise(TrackResult* result);
   void track_initialiser(TrackResult* result);
-  TrackResult repeated(TrackResult result);
+  TrackResult repeated(const TrackResult& taken);
   void mark_stage(Stage stage, TrackResult* result);
 
   const Config& config_;

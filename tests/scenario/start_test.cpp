@@ -122,6 +122,37 @@ Frame flat_frame(const Recording& recording, std::vector<uint8_t>* pixels, int64
   return frame;
 }
 
+// A camera that stands still, and a printed thing, 30 % of the picture, that is moved before it by up to 50 px.
+TEST(Start, AMovingThingBeforeAStandingCameraIsNotTheScene) {
+  constexpr int kWidth = 132, kHeight = 176, kFrames = 90;
+  test::Random random;
+  for (const bool background : {true, false}) {
+    Config config = test::config_for(desk());
+    config.camera.shutter = {};
+    Phone phone(config);
+    phone->tap();
+    bool mapped = false;
+    for (int i = 0; i < kFrames; ++i) {
+      std::vector<uint8_t> pixels = background ? desk().images[0] : std::vector<uint8_t>(desk().images[0].size(), 128);
+      const std::vector<uint8_t>& print = desk().images[60];
+      const double turn = 6.283185 * std::max(i - 10, 0) / 75;
+      const int left = 55 + static_cast<int>(50 * std::sin(turn)),
+                top = 75 + static_cast<int>(20 * std::sin(1.5 * turn));
+      for (int y = 0; y < kHeight; ++y)
+        std::copy_n(print.begin() + (y + 70) * 240 + 50, kWidth, pixels.begin() + (y + top) * 240 + left);
+      for (uint8_t& pixel : pixels) pixel = static_cast<uint8_t>(std::clamp(pixel + random.integer(-2, 2), 0, 255));
+      Frame frame = desk().frame(0, i * 66'666'667ll + 1);
+      frame.data = pixels.data();
+      const TrackResult result = phone->track(frame);
+      ASSERT_TRUE(result.status.ok());
+      phone.drain();
+      mapped |= result.pose_valid;
+    }
+    EXPECT_EQ(mapped, !background) << (background ? ""
+                                                  : "control: before nothing, its motion is as good as the camera's");
+  }
+}
+
 // Without a tap: only with auto_start, after a rest of 0.3 s, and again after the first view was lost.
 TEST(Start, BeginsByItselfWhenAskedTo) {
   for (const bool auto_start : {true, false}) {
