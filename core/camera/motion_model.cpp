@@ -21,6 +21,10 @@ constexpr float kTurnChangeShare = 0.5f;   // ratio
 constexpr float kTurnChangeBlend = 0.1f;   // share of the newest change in the running mean: about ten frames
 constexpr float kMaxSigmaRotation = 0.3f;  // radians/s
 
+// Between the full-frame rotation and the expected one, level-0 px at the image's middle: the reach of a search in
+// level 1. Not swept.
+constexpr float kSurprise_px = 8.0f;
+
 }  // namespace
 
 void MotionModel::begin_frame(float dt_s, bool with_map) {
@@ -31,14 +35,29 @@ void MotionModel::begin_frame(float dt_s, bool with_map) {
 
 void MotionModel::turn(const RotationEstimate* rotation) {
   rotation_ok_ = rotation && rotation->ok;
-  R_cp_.setIdentity();
-  if (rotation) R_cp_ = rotation->ok ? rotation->R_cp : expected_.R;
-  const Vector3f turn = so3_log(R_cp_) / dt_s_;
-  turn_change_sq_ += kTurnChangeBlend * ((turn - last_turn_).squaredNorm() / 3 - turn_change_sq_);
-  last_turn_ = turn;
+  turn_before_ = last_turn_;
+  change_before_sq_ = turn_change_sq_;
+  predict(rotation_ok_ ? rotation->R_cp : rotation ? expected_.R : Matrix3f(Matrix3f::Identity()));
+}
+
+void MotionModel::predict(const Matrix3f& R_cp) {
+  R_cp_ = R_cp;
+  last_turn_ = so3_log(R_cp) / dt_s_;
+  turn_change_sq_ =
+      change_before_sq_ + kTurnChangeBlend * ((last_turn_ - turn_before_).squaredNorm() / 3 - change_before_sq_);
   T_predicted_ = SE3(R_cp_, expected_.t) * T_cw_;
   T_predicted_.R = orthonormalised(T_predicted_.R);
   prior_ = prior(T_predicted_);
+}
+
+bool MotionModel::rotation_surprises(const Camera& camera) const {
+  if (!with_map_ || !rotation_ok_) return false;
+  return so3_log(R_cp_ * expected_.R.transpose()).norm() * camera.model.fx > kSurprise_px;
+}
+
+void MotionModel::disregard_rotation() {
+  rotation_ok_ = false;
+  predict(expected_.R);
 }
 
 VelocityPrior MotionModel::prior(const SE3& T_cw) const {

@@ -24,6 +24,12 @@ class MotionModel {
   // Corrects the prediction by the full-frame rotation. rotation: null when there is no previous frame.
   void turn(const RotationEstimate* rotation);
 
+  // Whether the full-frame rotation differs so much from the expected one that it may be that of a thing which moves
+  // through the view.
+  bool rotation_surprises(const Camera& camera) const;
+  // Predicts anew without the full-frame rotation.
+  void disregard_rotation();
+
   // Valid for the present frame after turn().
   const SE3& T_predicted() const { return T_predicted_; }
   const Matrix3f& R_cp() const { return R_cp_; }       // previous camera to present camera
@@ -62,6 +68,8 @@ class MotionModel {
   int missed() const { return missed_; }            // number of frames in a row that were not measured
 
  private:
+  void predict(const Matrix3f& R_cp);
+
   SE3 T_cw_;
   Vector6f velocity_ = Vector6f::Zero();  // decaying, for the prediction
   Vector6f readout_velocity_ = Vector6f::Zero();
@@ -73,7 +81,9 @@ class MotionModel {
   int believed_ = 0, missed_ = 0;
 
   Vector3f last_turn_ = Vector3f::Zero();  // rotation rate of the last frame by turn(), radians/s
-  float turn_change_sq_ = 0;  // running mean square of its change between frames, per component, (radians/s)^2
+  Vector3f turn_before_ = Vector3f::Zero();  // last_turn_ of the frame before
+  // Running mean square of its change between frames, per component, (radians/s)^2, and that of the frame before.
+  float turn_change_sq_ = 0, change_before_sq_ = 0;
 
   // State of the present frame.
   float dt_s_ = 0;

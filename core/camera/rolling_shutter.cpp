@@ -18,6 +18,7 @@ float Camera::readout_s() const {
 bool Camera::project_rolling(const SE3& T_cw, const Vector6f& velocity, const Vector3f& p_w,
                              PredictedPoint* seen) const {
   seen->T_cw = T_cw;
+  seen->velocity = velocity;
   const Vector3f q = T_cw * p_w;
   if (!project(q, &seen->px)) return false;
   if (shutter.line_time_s == 0) return true;

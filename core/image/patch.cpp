@@ -31,6 +31,17 @@ constexpr float kMinLight = 1e-3f;
 
 }  // namespace
 
+void PatchTemplate::add_up() {
+  sum = sum_sq = 0;
+  for (int r = 1; r <= kPatchSize; ++r) {
+    for (int c = 1; c <= kPatchSize; ++c) {
+      const int32_t value = px[r * kPatchFramed + c];
+      sum += value;
+      sum_sq += value * value;
+    }
+  }
+}
+
 bool warp_patch(const GreyView& source, const Eigen::Vector2f& centre, const Eigen::Matrix2f& J_src_tpl,
                 PatchTemplate* out) {
   // Positions are 16.16 fixed point: up to kMaxSize px of image and 4.5 x 2 x kMaxStep px of patch are together below
@@ -89,15 +100,7 @@ bool warp_patch(const GreyView& source, const Eigen::Vector2f& centre, const Eig
   };
   out->x_blur = in_template(J_src_tpl(1, 1), J_src_tpl(0, 1));
   out->y_blur = in_template(J_src_tpl(1, 0), J_src_tpl(0, 0));
-  out->sum = 0;
-  out->sum_sq = 0;
-  for (int r = 1; r <= kPatchSize; ++r) {
-    for (int c = 1; c <= kPatchSize; ++c) {
-      const int32_t value = out->px[r * kPatchFramed + c];
-      out->sum += value;
-      out->sum_sq += value * value;
-    }
-  }
+  out->add_up();
   return true;
 }
 
@@ -166,17 +169,14 @@ void match_light(const GreyView& image, const Eigen::Vector2f& at, LampLines lin
   const float determinant = TT * ssTT - sTT * sTT;
   if (!(determinant > kMinLight * TT * TT)) return;  // black
   const float a = (ssTT * TI - sTT * sTI) / determinant, b = (TT * sTI - sTT * TI) / determinant;
-  patch->sum = patch->sum_sq = 0;
   for (int r = 0; r < kPatchFramed; ++r) {
     for (int c = 0; c < kPatchFramed; ++c) {
       const float s = static_cast<float>(lines == LampLines::kRows ? r : c) - (kPatchCentre + 1);
       uint8_t& px = patch->px[r * kPatchFramed + c];
       px = static_cast<uint8_t>(std::clamp((a + b * s) * static_cast<float>(px) + 0.5f, 0.0f, 255.0f));
-      const bool inside = r >= 1 && c >= 1 && r <= kPatchSize && c <= kPatchSize;
-      patch->sum += inside ? px : 0;
-      patch->sum_sq += inside ? px * px : 0;
     }
   }
+  patch->add_up();
 }
 
 bool refine_patch(const GreyView& image, const PatchTemplate& patch, const Eigen::Vector2f& start, int max_steps,

@@ -46,7 +46,7 @@ struct MapPoint {
 struct PartialPoint {
   uint32_t id = 0;  // 0: empty slot
   PatchSource source;
-  Vector3f ray = Vector3f::UnitZ();  // (x, y, 1): the unprojected source pixel
+  Vector3f ray = Vector3f::UnitZ();  // (x, y, 1): the unprojected source pixel; see exposed_pose()
   float inverse_depth = 1;           // q, world units^-1
   float information = 0;             // lambda = 1 / sigma^2 of q, world units^2; 0: unknown
   uint16_t attempts = 0;             // searches

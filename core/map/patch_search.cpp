@@ -26,6 +26,10 @@ constexpr float kAxisSwitch = 0.7f;
 constexpr float kMinDeterminant = 1e-12f;  // px^2 per world unit^2: only guards the division
 // Determinants of a level-0 warp outside of this are out of reach for every pyramid level.
 constexpr float kMinWarpArea = 1e-3f, kMaxWarpArea = 1e3f;
+// Length of a streak, pixels of the level searched, from which on the template is blurred, and the patches of which the
+// mean is taken at most. Blurred from 1 or 1.5 px on nothing is gained, and each blurred template costs two warps.
+constexpr float kMinStreak_px = 2;
+constexpr int kMaxStreakParts = 6;
 // Area of a template pixel in pixels of the source level, a ratio: within 1/4 to 4 [ptam 5.3]. A level is a factor of
 // 4; above 2 the next coarser level is nearer.
 constexpr float kMinSourceArea = 0.25f, kMaxSourceArea = 4.0f, kCoarserArea = 2.0f, kAreaPerLevel = 0.25f;
@@ -59,10 +63,10 @@ bool patch_affinity(const Camera& camera, const Vector3f& p_s, const Vector3f& n
   return A_t_s->allFinite();
 }
 
-bool warp_template(const Pyramid& source, const Vector2f& source_px, const Matrix2f& A_t_s, int level,
-                   PatchTemplate* patch) {
+int warp_template(const Pyramid& source, const Vector2f& source_px, const Matrix2f& A_t_s, int level,
+                  PatchTemplate* patch, const Vector2f& streak_px) {
   const float det = A_t_s.determinant();
-  if (!(det > kMinWarpArea) || !(det < kMaxWarpArea)) return false;
+  if (!(det > kMinWarpArea) || !(det < kMaxWarpArea)) return 0;
   // One template pixel covers 4^level / det(A) source pixels at level 0: choose the source level nearest to that.
   const float area = static_cast<float>(1 << (2 * level)) / det;
   int source_level = 0;
@@ -71,10 +75,25 @@ bool warp_template(const Pyramid& source, const Vector2f& source_px, const Matri
     scaled *= kAreaPerLevel;
     ++source_level;
   }
-  if (scaled < kMinSourceArea || scaled > kMaxSourceArea) return false;
+  if (scaled < kMinSourceArea || scaled > kMaxSourceArea) return 0;
   const Matrix2f J_src_tpl = A_t_s.inverse() * (static_cast<float>(1 << level) / static_cast<float>(1 << source_level));
   const Vector2f centre(from_level0(source_px.x(), source_level), from_level0(source_px.y(), source_level));
-  return warp_patch(source.level[source_level], centre, J_src_tpl, patch) && patch->energy() >= kMinEnergy;
+  const GreyView& image = source.level[source_level];
+  const Vector2f streak = streak_px / static_cast<float>(1 << level);  // template pixels
+  const float length = streak.norm();
+  if (length < kMinStreak_px) return warp_patch(image, centre, J_src_tpl, patch) && patch->energy() >= kMinEnergy;
+  // The mean over the exposure: of patches at its equal parts.
+  const int parts = std::clamp(static_cast<int>(length + 0.5f), 2, kMaxStreakParts);
+  uint16_t sum[kPatchFramed * kPatchFramed] = {};
+  for (int i = 0; i < parts; ++i) {
+    const float share = (static_cast<float>(i) + 0.5f) / static_cast<float>(parts) - 0.5f;
+    if (!warp_patch(image, centre + J_src_tpl * (share * streak), J_src_tpl, patch)) return 0;
+    for (int k = 0; k < kPatchFramed * kPatchFramed; ++k) sum[k] = static_cast<uint16_t>(sum[k] + patch->px[k]);
+  }
+  for (int k = 0; k < kPatchFramed * kPatchFramed; ++k)
+    patch->px[k] = static_cast<uint8_t>((sum[k] + parts / 2) / parts);
+  patch->add_up();
+  return patch->energy() >= kMinEnergy ? parts : 0;
 }
 
 SearchOutcome find_template(const Pyramid& target, const PatchTemplate& patch, const Vector2f& predicted_px,
@@ -123,6 +142,28 @@ bool predict_in_keyframe(const Map& map, const Camera& camera, int keyframe, con
   return camera.project_rolling(k.T_kw, k.velocity, p_w, predicted) && camera.in_image(predicted->px, kSearchBorder_px);
 }
 
+SE3 exposed_pose(const Map& map, const Camera& camera, const PatchSource& source) {
+  const Keyframe& keyframe = map.keyframes()[source.keyframe];
+  return pose_at(keyframe.T_kw, keyframe.velocity, camera.dt_s(source.px)).inverse();
+}
+
+// Level-0 pixels of the target by which the point moves while it is exposed, less what the source's own exposure has
+// blurred.
+Vector2f PatchFinder::streak(const Keyframe& source, const Vector3f& p_s, const Matrix2f& A_t_s, const Vector3f& p_w,
+                             const PredictedPoint& predicted) const {
+  const auto in = [&](const Vector3f& p, const Vector6f& velocity) -> Vector2f {
+    Vector2f px;
+    Matrix23f J_px_p;
+    if (!camera_.project(p, &px, &J_px_p)) return Vector2f::Zero();
+    return exposure_s_ * (J_px_p * Vector3f(velocity.head<3>() + velocity.tail<3>().cross(p)));
+  };
+  const Vector2f target = in(predicted.T_cw * p_w, predicted.velocity);
+  const float length_sq = target.squaredNorm();
+  if (length_sq == 0) return target;
+  const float more_sq = length_sq - (A_t_s * in(p_s, source.velocity)).squaredNorm();
+  return target * std::sqrt(std::max(0.0f, more_sq / length_sq));
+}
+
 SearchOutcome PatchFinder::find(const PatchSource& source, const Vector3f& p_w, const PredictedPoint& predicted,
                                 const Pyramid& target, const SearchOptions& options, ImagePoint* found) const {
   const Keyframe& keyframe = map_.keyframes()[source.keyframe];
@@ -131,8 +172,11 @@ SearchOutcome PatchFinder::find(const PatchSource& source, const Vector3f& p_w, 
   if (!patch_affinity(camera_, p_s, source.normal, predicted.T_cw * keyframe.T_kw.inverse(), &A_t_s))
     return SearchOutcome::kNotVisible;
   PatchTemplate patch;
-  meter_.charge(Work::kPatchWarp, 1);
-  if (!warp_template(keyframe.pyramid, source.px, A_t_s, options.level, &patch)) return SearchOutcome::kNotVisible;
+  const Vector2f streak_px =
+      exposure_s_ > 0 ? streak(keyframe, p_s, A_t_s, p_w, predicted) : Vector2f(Vector2f::Zero());
+  const int warped = warp_template(keyframe.pyramid, source.px, A_t_s, options.level, &patch, streak_px);
+  meter_.charge(Work::kPatchWarp, std::max(warped, 1));
+  if (warped == 0) return SearchOutcome::kNotVisible;
   return find_template(target, patch, predicted.px, options, meter_, found);
 }
 

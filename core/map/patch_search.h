@@ -35,9 +35,11 @@ bool patch_affinity(const Camera& camera, const Vector3f& p_s, const Vector3f& n
 
 // Warps the patch at source_px of the source pyramid by A (target level 0 from source level 0) for a search in
 // `level`, from the source level whose scale fits best. False when |det| falls outside [1/4, 4] at every level, the
-// template leaves the source image, or has too little contrast.
-bool warp_template(const Pyramid& source, const Vector2f& source_px, const Matrix2f& A_t_s, int level,
-                   PatchTemplate* patch);
+// template leaves the source image, or has too little contrast. streak_px: level-0 pixels of the target by which the
+// point moves while it is exposed; the template is blurred alike. Returns the number of patches warped: several where
+// it is blurred, 0 for false.
+int warp_template(const Pyramid& source, const Vector2f& source_px, const Matrix2f& A_t_s, int level,
+                  PatchTemplate* patch, const Vector2f& streak_px = Vector2f::Zero());
 
 // Searches and refines a warped template around predicted_px (level 0).
 SearchOutcome find_template(const Pyramid& target, const PatchTemplate& patch, const Vector2f& predicted_px,
@@ -49,10 +51,14 @@ bool predict_in_keyframe(const Map& map, const Camera& camera, int keyframe, con
                          PredictedPoint* predicted);
 constexpr int64_t kPredictionInstructions = 700;  // of one predict_in_keyframe(), as counted for the ARM1176
 
+// Source camera to world, at the exposure time of the source pixel's line: the frame of PartialPoint::ray.
+SE3 exposed_pose(const Map& map, const Camera& camera, const PatchSource& source);
+
 // Finds patches of the map's keyframes in other images.
 class PatchFinder {
  public:
-  PatchFinder(const Map& map, const Camera& camera, WorkMeter& meter) : map_(map), camera_(camera), meter_(meter) {}
+  PatchFinder(const Map& map, const Config& config, WorkMeter& meter)
+      : map_(map), camera_(config.camera), exposure_s_(config.exposure_s), meter_(meter) {}
 
   // Searches for the patch `source` of a map point or partial point at p_w around `predicted`. Sets *found only on
   // kFound.
@@ -60,8 +66,12 @@ class PatchFinder {
                      const Pyramid& target, const SearchOptions& options, ImagePoint* found) const;
 
  private:
+  Vector2f streak(const Keyframe& source, const Vector3f& p_s, const Matrix2f& A_t_s, const Vector3f& p_w,
+                  const PredictedPoint& predicted) const;
+
   const Map& map_;
   const Camera& camera_;
+  const float exposure_s_;
   WorkMeter& meter_;
 };
 

@@ -33,7 +33,7 @@ class BundleAdjuster {
  public:
   BundleAdjuster(Arena& arena, const Config& config, Map& map, WorkMeter& meter, Background& background);
 
-  // newest = -1: adjusts all live keyframes but the first, whose pose is the datum. Otherwise: adjusts `newest` and the
+  // newest = -1: adjusts all live keyframes with enough measurements but the first, whose pose is the datum. Otherwise: adjusts `newest` and the
   // four keyframes nearest to it, with the others fixed [ptam 6.3]. With `velocities`, the velocities of up to
   // kMaxVelocityCameras free keyframes too. After convergence measurements of zero weight are searched again or
   // removed, and points with fewer than two measurements are removed. Erased keyframes follow every step. A coroutine
@@ -52,6 +52,7 @@ class BundleAdjuster {
   using Engine = BundleEngine<float, Projection>;
 
   Task<> gather(int newest, bool velocities);
+  Task<> count_measurements();
   Task<> free_cameras(int newest, bool velocities);
   Task<> discard_outliers();
   bool measure_again(const MapPoint& point, Measurement* measurement);
@@ -64,6 +65,7 @@ class BundleAdjuster {
   Background& background_;
   PatchFinder finder_;
   Engine engine_;
+  FixedVector<int32_t> measured_;       // number of each keyframe's measurements
   FixedVector<int32_t> point_indices_;  // of each of the engine's points: its index in Map::points()
   BundleResult result_;
 };

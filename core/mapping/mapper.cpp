@@ -44,7 +44,7 @@ Mapper::Mapper(Arena& arena, const Config& config, Map& map, WorkMeter& meter, C
       eraser_(arena, config, map, *this),
       point_source_(config.point_source(arena, config, map, meter, *this, corner_source)),
       hygiene_(config, map, meter, *this),
-      finder_(map, config.camera, meter) {}
+      finder_(map, config, meter) {}
 
 bool Mapper::has_work() const {
   if (!map_.exists() || (map_.locked() && map_.ready())) return false;

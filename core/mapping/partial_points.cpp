@@ -29,9 +29,41 @@ constexpr float kSearchRadius_px = 4;
 constexpr float kMargin_px = 2.0f, kMinRadius_px = 3.0f, kMaxRadius_px = 8.0f;
 // ARMv6 instructions to triangulate a partial point, with its checks, as counted for the ARM1176.
 constexpr int64_t kTriangulationInstructions = 3500;
+// Points from which on a plane is fitted to those of a keyframe; a pull of its slopes towards an even depth, in units of
+// a point's share; least pivot (NormalEquations); and bounds of an inverse depth on it, times the mean and its inverse.
+// None was swept.
+constexpr int kMinPlanePoints = 8;
+constexpr float kEvenDepthPull = 0.002f;
+constexpr float kMinPlanePivot = 1e-5f;
+constexpr float kPlaneRange = 2.0f;
 constexpr int64_t kCornerDistanceInstructions = 6;  // of a new corner from one occupied position: an estimate
 
 }  // namespace
+
+void SeenSurface::clear() {
+  equations_.clear();
+  points_ = 0;
+}
+
+void SeenSurface::add(const Vector3f& p_c) {
+  const float q = 1 / p_c.z();
+  equations_.add({1, p_c.x() * q, p_c.y() * q}, q, 1);
+  ++points_;
+}
+
+void SeenSurface::fit(float mean_q) {
+  mean_q_ = mean_q;
+  const float pull = kEvenDepthPull * static_cast<float>(points_);
+  equations_.A(1, 1) += pull;
+  equations_.A(2, 2) += pull;
+  if (points_ >= kMinPlanePoints && equations_.solve(kMinPlanePivot, plane_)) return;
+  plane_[0] = mean_q;
+  plane_[1] = plane_[2] = 0;
+}
+
+float SeenSurface::inverse_depth(const Vector2f& at) const {
+  return std::clamp(plane_[0] + plane_[1] * at.x() + plane_[2] * at.y(), mean_q_ / kPlaneRange, mean_q_ * kPlaneRange);
+}
 
 PartialPoints::PartialPoints(Arena& arena, const Config& config, Map& map, WorkMeter& meter, Background& background,
                              CornerSource* corner_source)
@@ -40,7 +72,7 @@ PartialPoints::PartialPoints(Arena& arena, const Config& config, Map& map, WorkM
       meter_(meter),
       background_(background),
       corner_source_(corner_source),
-      finder_(map, config.camera, meter),
+      finder_(map, config, meter),
       occupied_(arena, config.max_map_points + config.max_partial_points),
       out_of_view_(arena, config.max_partial_points) {}
 
@@ -67,14 +99,14 @@ bool PartialPoints::promote(int i, int keyframe) {
   const PartialPoint& partial = map_.partial_points()[i];
   const Keyframe& source = map_.keyframes()[partial.source.keyframe];
   const Keyframe& target = map_.keyframes()[keyframe];
-  const SE3 T_ws = source.T_kw.inverse();
-  Vector3f p_w = T_ws * Vector3f(partial.ray / partial.inverse_depth);
+  const SE3 T_we = exposed_pose(map_, camera, partial.source);
+  Vector3f p_w = T_we * Vector3f(partial.ray / partial.inverse_depth);
   PredictedPoint predicted;
   meter_.charge(Work::kOther, 2 * kPredictionInstructions);
   if (!predict_in_keyframe(map_, camera, keyframe, p_w, &predicted)) return true;
   // The search's circle reaches one sigma of the inverse depth along the epipolar line, on either side.
   const float sigma_q = partial.information > 0 ? 1.0f / std::sqrt(partial.information) : partial.inverse_depth;
-  const Vector3f further_w = T_ws * Vector3f(partial.ray / (partial.inverse_depth + sigma_q));
+  const Vector3f further_w = T_we * Vector3f(partial.ray / (partial.inverse_depth + sigma_q));
   PredictedPoint further;
   SearchOptions options;
   options.level = config_.search_level;
@@ -89,7 +121,7 @@ bool PartialPoints::promote(int i, int keyframe) {
   meter_.charge(Work::kOther, kTriangulationInstructions);
   const Vector2f px_source = camera.global_shutter_px(source.velocity, source.T_kw * p_w, partial.source.px);
   const Vector2f px_target = camera.global_shutter_px(target.velocity, target.T_kw * p_w, found.px);
-  const SE3 T_ts = target.T_kw * T_ws;
+  const SE3 T_ws = source.T_kw.inverse(), T_ts = target.T_kw * T_ws;
   Triangulated triangulated;
   if (!triangulate(T_ts, camera.unproject(px_source), camera.unproject(px_target), kMinParallax_rad, &triangulated))
     return true;
@@ -129,17 +161,22 @@ bool PartialPoints::promote(int i, int keyframe) {
 Task<> PartialPoints::find_occupied(int keyframe) {
   occupied_.clear();
   out_of_view_.clear();
+  surface_.clear();
+  const SE3& T_kw = map_.keyframes()[keyframe].T_kw;
   PredictedPoint predicted;
   for (const MapPoint& point : map_.points()) {
     if (point.id == 0 || !map_.measured_in(point, keyframe)) continue;
-    if (predict_in_keyframe(map_, config_.camera, keyframe, point.p_w, &predicted)) occupied_.push_back(predicted.px);
+    if (predict_in_keyframe(map_, config_.camera, keyframe, point.p_w, &predicted)) {
+      occupied_.push_back(predicted.px);
+      surface_.add(T_kw * point.p_w);
+    }
     co_await background_.spend(Work::kOther, kPredictionInstructions);
   }
   for (int i = 0; i < map_.partial_points().size(); ++i) {
     const PartialPoint& partial = map_.partial_points()[i];
     if (partial.id == 0) continue;
-    const SE3 T_ws = map_.keyframes()[partial.source.keyframe].T_kw.inverse();
-    const Vector3f p_w = T_ws * Vector3f(partial.ray / partial.inverse_depth);
+    const Vector3f p_w =
+        exposed_pose(map_, config_.camera, partial.source) * Vector3f(partial.ray / partial.inverse_depth);
     if (predict_in_keyframe(map_, config_.camera, keyframe, p_w, &predicted)) {
       occupied_.push_back(predicted.px);
     } else {
@@ -168,6 +205,7 @@ Task<> PartialPoints::add_corners(int keyframe) {
   const Keyframe& frame = map_.keyframes()[keyframe];
   co_await find_occupied(keyframe);
   make_room();
+  surface_.fit(1 / frame.mean_depth);
   corner_source_->start(frame.pyramid);
   int added = 0;
   Corner corner;
@@ -185,7 +223,7 @@ Task<> PartialPoints::add_corners(int keyframe) {
     const Vector2f normalised = config_.camera.unproject(px);
     const Vector3f ray(normalised.x(), normalised.y(), 1.0f);
     const PatchSource source{static_cast<int16_t>(keyframe), px, -ray.normalized()};
-    if (map_.add_partial_point(source, ray, 1.0f / frame.mean_depth) < 0) co_return;
+    if (map_.add_partial_point(source, ray, surface_.inverse_depth(normalised)) < 0) co_return;
     occupied_.push_back(px);
     ++added;
   }

@@ -26,6 +26,7 @@ struct ImagePoint {
 struct PredictedPoint {
   Vector2f px = Vector2f::Zero();
   SE3 T_cw;  // camera pose at the exposure time of the line through px
+  Vector6f velocity = Vector6f::Zero();  // of the camera: translation (world units/s), rotation (radians/s)
 };
 
 struct Camera {

@@ -76,7 +76,8 @@ struct TrackResult {
   float progress = 0;       // of initialisation, 0 to 1
   uint32_t limits_hit = 0;  // LimitBits
   bool pose_valid = false;  // whether T_cw and covariance are valid; true only in state kTracking
-  bool blurred = false;     // motion blur was predicted, so the search used Config::coarse_search_level
+  // Much motion blur was predicted, so the search used Config::coarse_search_level, and the map took nothing.
+  bool blurred = false;
   bool keyframe_added = false;
   bool repeated = false;  // the last picture again, bit for bit: its pose, nothing was searched
   SE3 T_cw;

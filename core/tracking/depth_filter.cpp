@@ -44,7 +44,7 @@ void PartialAttempt::set_row(const Camera& camera, const SE3& T_cw, const Vector
 DepthFilter::DepthFilter(Arena& arena, const Config& config, Map& map, WorkMeter& meter)
     : config_(config),
       map_(map),
-      finder_(map, config.camera, meter),
+      finder_(map, config, meter),
       attempts_(arena, config.max_measured_points + config.max_partial_searches) {}
 
 Vector2f DepthFilter::Line::slope() const {
@@ -59,9 +59,9 @@ DepthFilter::Place DepthFilter::project(const PartialPoint& partial, const SE3& 
   line->far = std::max(partial.inverse_depth - kRangeSigmas * sigma, mean_q / kInverseDepthRange);
   if (!(line->near >= line->far)) return Place::kOutOfRange;
   line->q = std::clamp(partial.inverse_depth, line->far, line->near);
-  line->T_wk = map_.keyframes()[partial.source.keyframe].T_kw.inverse();
+  line->T_ws = exposed_pose(map_, config_.camera, partial.source);
   const auto at = [&](float q, PredictedPoint* predicted) {
-    return config_.camera.project_rolling(T_cw, velocity, line->T_wk * Vector3f(partial.ray / q), predicted);
+    return config_.camera.project_rolling(T_cw, velocity, line->T_ws * Vector3f(partial.ray / q), predicted);
   };
   const bool visible = at(line->q, &line->at_q) && at(line->near, &line->at_near) && at(line->far, &line->at_far) &&
                        config_.camera.in_image(line->at_q.px, kSearchBorder_px);
@@ -96,7 +96,7 @@ void DepthFilter::try_slot(int slot, const Pyramid& pyramid, const Start& start)
     case Place::kVisible:
       break;
   }
-  attempt.p_w = line.T_wk * Vector3f(partial.ray / line.q);
+  attempt.p_w = line.T_ws * Vector3f(partial.ray / line.q);
   attempt.predicted_px = line.at_q.px;
   attempt.depth_px = (line.at_near.px - line.at_far.px) / (2 * kRangeSigmas);
   SearchOptions options;

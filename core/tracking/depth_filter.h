@@ -61,7 +61,7 @@ class DepthFilter {
   // Inverse depths between which a point is sought, where they appear, and the middle one.
   struct Line {
     float near = 0, q = 0, far = 0;  // inverse depths, world units^-1
-    SE3 T_wk;                        // of the source keyframe
+    SE3 T_ws;                        // exposed_pose() of the source
     PredictedPoint at_near, at_q, at_far;
     Vector2f slope() const;  // d(px)/dq
   };

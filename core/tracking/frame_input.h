@@ -12,9 +12,6 @@ inline float elapsed_s(int64_t from_ns, int64_t to_ns) {
   return static_cast<float>((static_cast<double>(to_ns) - static_cast<double>(from_ns)) * 1e-9);
 }
 
-// Image motion within the exposure, level-0 px, above which L1 is too blurred to search: a third of the 16 px that a
-// template covers. Not swept.
-constexpr float kBlurLimit_px = 6.0f;
 
 // Gap between two frames, s, after which the motion model's velocity is not used, nor rest taken for granted. Not
 // swept.

@@ -76,7 +76,9 @@ constexpr float kMinProgressToKeep = 0.5f;
 // enough. Without a prediction a slanted plane's parallax is to be covered [phone 4: 4 px]. Not swept.
 constexpr float kStartRadius_px = 3.0f, kWideStartRadius_px = 4.0f;
 constexpr int kMinFramesToPredict = 2;  // frames tracked well before the last motion predicts the next
-// Image motion within the exposure, level-0 px, up to which a view is recorded. Not swept.
+// Image motion within the exposure, level-0 px: above the first, L1 is too blurred to search, as a third of the 16 px
+// that a template covers; up to the second a view is recorded. Not swept.
+constexpr float kBlurLimit_px = 6.0f;
 constexpr float kMaxSharpBlur_px = 0.5f * kBlurLimit_px;
 // Distance from the plane, relative to the plane's depth, up to which a point's patch gets the plane's normal. Not
 // swept.

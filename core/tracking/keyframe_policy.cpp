@@ -17,6 +17,11 @@ constexpr float kMinDistance = 0.004f;
 constexpr float kSparseViewFraction = 0.6f;
 // Interval of keyframes, s, while the map is full: each costs a culling decision. Not swept.
 constexpr float kFullInterval_s = 2.0f;
+// Inliers that will stay in view under which the view is being replaced, and the interval of keyframes then, in those of
+// Config::min_keyframe_interval_s. Of four emulated runs that replace the view within a second, frames tracked: 85 % of
+// the worst without, 97 % with half of the interval; a third gave worse maps.
+constexpr int kUrgentStaying = 15;
+constexpr float kUrgentInterval = 0.5f;
 constexpr float kCosTurn = 0.98f;  // optical axes within 11.5 degrees: views turned by more are not near; not swept
 constexpr float kNoneNear = 1e9f;  // distance in world units when no keyframe is near
 constexpr int kMinBelievedForKeyframe = 2;  // believed poses in a row, so that the motion is known
@@ -25,8 +30,12 @@ constexpr int kMinBelievedForKeyframe = 2;  // believed poses in a row, so that 
 
 bool KeyframePolicy::wants(int64_t timestamp_ns, const MotionModel& motion, int staying) const {
   if (!map_.queue().can_hold()) return false;
-  const float interval_s =
-      map_.full() ? std::max(kFullInterval_s, config_.min_keyframe_interval_s) : config_.min_keyframe_interval_s;
+  float interval_s = config_.min_keyframe_interval_s;
+  if (staying < kUrgentStaying) {
+    interval_s *= kUrgentInterval;
+  } else if (map_.full()) {
+    interval_s = std::max(kFullInterval_s, interval_s);
+  }
   if (elapsed_s(last_ns_, timestamp_ns) < interval_s) return false;
   if (motion.believed() < kMinBelievedForKeyframe) return false;
   const Vector3f centre = motion.T_cw().centre();

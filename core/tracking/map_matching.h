@@ -58,6 +58,9 @@ class MapMatching {
   }
   // Begins at T_start in place of the predicted pose.
   MapMatch match(const Pyramid& pyramid, const MotionModel& motion, Search search, const SE3& T_start);
+  // Number of points found in the coarse level where `motion` predicts them, of a few that the last frame searched:
+  // tells predictions apart.
+  int support(const Pyramid& pyramid, const MotionModel& motion);
   // The pose of the last match's measurements together with those of partial points, begun at T_start.
   MapMatch join(std::span<const PartialAttempt> partials, const MotionModel& motion, const SE3& T_start);
 

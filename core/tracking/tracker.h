@@ -37,6 +37,7 @@ class Tracker {
 
  private:
   void predict();
+  void choose_rotation();
   void track_with_map(TrackResult* result);
   MapMatch match_with_partials(MapMatching::Search search, bool allowed);
   void accept(const MapMatch& match, bool blurred, TrackResult* result);

@@ -71,7 +71,7 @@ std::vector<Counts> start_in_clutter() {
 // Every map point that the last frame's search tried, once more, with its own source, warp and prediction.
 void search_again(const Parts& parts, const Pyramid& pyramid, const TrackResult& result, int* searched, int* found) {
   WorkMeter meter;
-  const PatchFinder finder(parts.map, parts.config.camera, meter);
+  const PatchFinder finder(parts.map, parts.config, meter);
   for (const ObservedPoint& observed : result.points) {
     for (const MapPoint& point : parts.map.points()) {
       if (point.id != observed.point_id) continue;

@@ -109,7 +109,7 @@ class RailInitialiser final : public Initialiser {
   }
   // Those of the first view's corners that are found in the last view where the plane puts them.
   int add_points(Map& map) {
-    const PatchFinder finder(map, config_.camera, meter_);
+    const PatchFinder finder(map, config_, meter_);
     const Keyframe& first = map.keyframes()[0];
     int count = 0;
     for (const Corner& corner : corners_) {
@@ -153,7 +153,7 @@ class EpipolarSource final : public PointSource {
         meter_(meter),
         background_(background),
         corner_source_(corner_source),
-        finder_(map, config.camera, meter),
+        finder_(map, config, meter),
         known_(arena, config.max_map_points) {}
 
   Task<> grow(int keyframe) override {

@@ -345,6 +345,32 @@ TEST(BundleAdjustment, LocalAdjustmentHoldsTheOthers) {
   EXPECT_LT(world.reprojection_rms(), start);
 }
 
+// A keyframe that hardly measures a point keeps its pose, though its few measurements would move it; with more of them
+// it is adjusted.
+TEST(BundleAdjustment, KeyframesWithFewMeasurementsStay) {
+  test::Random random;
+  for (const int kept : {0, 3, 9, 40}) {
+    World world(disturbed(), random.seed());
+    Map& map = world.map();
+    constexpr int kWeak = kKeyframes - 1;
+    int measured = 0;
+    for (int i = 0; i < map.points().size(); ++i) {
+      if (map.points()[i].id == 0) continue;
+      for (int j = map.points()[i].measurements.size() - 1; j >= 0; --j) {
+        if (map.measurements(map.points()[i])[j].keyframe != kWeak) continue;
+        if (measured >= kept) map.remove_measurement(i, j);
+        ++measured;
+      }
+    }
+    ASSERT_GT(measured, 40);
+    const SE3 before = map.keyframes()[kWeak].T_kw;
+    const double start = world.reprojection_rms();
+    world.run();
+    EXPECT_EQ(map.keyframes()[kWeak].T_kw.t == before.t, kept < 10) << kept;
+    EXPECT_LT(world.reprojection_rms(), start) << "the others are adjusted";
+  }
+}
+
 TEST(BundleAdjustment, VelocitiesDuringTheReadoutAreRecovered) {
   test::Random random;
   double with = 0, without = 0, with_px = 0, without_px = 0;

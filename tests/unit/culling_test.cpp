@@ -483,7 +483,7 @@ class PaintedCullingTest : public CullingTest {
     Vector2f px;
     EXPECT_TRUE(config_.camera.project(map_.keyframes()[keyframe].T_kw * point.p_w, &px));
     ImagePoint found;
-    const PatchFinder finder(map_, config_.camera, meter_);
+    const PatchFinder finder(map_, config_, meter_);
     if (finder.find(point.source, point.p_w, {px, map_.keyframes()[keyframe].T_kw}, map_.keyframes()[keyframe].pyramid,
                     SearchOptions(), &found) != SearchOutcome::kFound)
       return -1;

@@ -8,6 +8,7 @@
 #include <cmath>
 #include <cstring>
 
+#include "tests/support/phone_camera.h"
 #include "tests/support/random.h"
 
 namespace pptam {
@@ -176,6 +177,37 @@ TEST(MotionModel, WithoutASeenRotationItsOwnVelocityTurns) {
 }
 
 // A hand that shakes makes the prior wider, up to a bound.
+// A rotation that differs from the expected one by more than the search reaches is a surprise. Without it the prediction
+// is, bit for bit, the one of a frame whose rotation was not seen.
+TEST(MotionModel, ASurprisingRotationCanBeDisregarded) {
+  test::Random random;
+  const Camera camera{test::phone_camera(), test::phone_shutter()};
+  const Vector6f velocity = random_twist(random, 0.2, 0.3);
+  Flight told(SE3::exp(random_twist(random, 1, 1)), velocity, kFrame_s);
+  told.fly(5);
+  const SE3 next = told.T_cp * told.T_cw;
+  for (const float off_px : {4.0f, 12.0f}) {
+    MotionModel fooled = told.motion, blind = told.motion;
+    RotationEstimate rotation = seen_rotation(told.T_cp);
+    fooled.begin_frame(kFrame_s, true);
+    const Matrix3f off = so3_exp(Vector3f(0, off_px / camera.model.fx, 0));
+    rotation.R_cp = off * fooled.expected_motion().R;
+    fooled.turn(&rotation);
+    EXPECT_EQ(fooled.rotation_surprises(camera), off_px > 8) << off_px;
+    rotation.ok = false;
+    blind.begin_frame(kFrame_s, true);
+    blind.turn(&rotation);
+    EXPECT_FALSE(blind.rotation_surprises(camera));
+    EXPECT_FALSE(same_bits(fooled.T_predicted(), blind.T_predicted()));
+    fooled.disregard_rotation();
+    EXPECT_TRUE(same_bits(fooled.T_predicted(), blind.T_predicted()));
+    EXPECT_EQ(fooled.prior().mean, blind.prior().mean);
+    EXPECT_EQ(fooled.prior().sigma_rotation, blind.prior().sigma_rotation);
+    EXPECT_FALSE(fooled.rotation_seen());
+    EXPECT_LT((fooled.T_predicted().t - next.t).norm(), 0.02f);
+  }
+}
+
 TEST(MotionModel, ShakingWidensThePrior) {
   test::Random random;
   float last = 0;

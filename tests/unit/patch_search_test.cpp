@@ -1,0 +1,121 @@
+// Templates blurred by the motion of their point during the exposure, and the place of a moving keyframe's patch.
+#include "map/patch_search.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "tests/kernels/test_images.h"
+#include "tests/support/map_building.h"
+#include "tests/support/phone_camera.h"
+#include "tests/support/random.h"
+
+namespace pptam {
+namespace {
+
+// A texture as a camera sees it that moves by `streak` px while it exposes.
+test::OwnedImage exposed(const test::Texture& texture, const Vector2f& streak) {
+  constexpr int kInstants = 64;
+  return test::OwnedImage(160, 160).fill([&](int x, int y) {
+    double sum = 0;
+    for (int i = 0; i < kInstants; ++i) {
+      const double share = (i + 0.5) / kInstants - 0.5;
+      sum += texture.value(x - share * static_cast<double>(streak.x()), y - share * static_cast<double>(streak.y()));
+    }
+    return 128 + sum / kInstants;
+  });
+}
+
+// A template blurred as its point moves is found in the blurred image, within 0.15 px: a quarter of the error that the
+// pose expects of a point. Control: the sharp template differs from the image several times as much.
+TEST(Streaks, ABlurredTemplateMatchesABlurredImage) {
+  test::Random random;
+  WorkMeter meter;
+  double sharp_sum = 0, blurred_sum = 0;
+  int found_blurred = 0, found_sharp = 0, tried = 0;
+  for (int trial = 0; trial < test::trials(100); ++trial) {
+    const test::Texture texture(random, 40, 0.15, 0.6);
+    const float length = static_cast<float>(random.uniform(3, 6)), angle = static_cast<float>(random.uniform(0, 6.28));
+    const Vector2f streak = length * Vector2f(std::cos(angle), std::sin(angle));
+    const test::OwnedImage sharp = exposed(texture, Vector2f::Zero()), blurred = exposed(texture, streak);
+    Pyramid source, target;
+    source.level[0] = sharp.view();
+    target.level[0] = blurred.view();
+    const Vector2f at(80.3f, 79.6f);
+    PatchTemplate plain, smeared;
+    ASSERT_EQ(warp_template(source, at, Matrix2f::Identity(), 0, &plain), 1);
+    const int parts = warp_template(source, at, Matrix2f::Identity(), 0, &smeared, streak);
+    if (parts == 0) continue;  // the blur took all contrast
+    EXPECT_EQ(parts, static_cast<int>(length + 0.5f));
+    ++tried;
+    SearchOptions options;
+    options.level = 0;
+    ImagePoint found;
+    const auto error = [&](const PatchTemplate& patch, int* count) {
+      if (find_template(target, patch, at, options, meter, &found) != SearchOutcome::kFound) return 4.0f;
+      *count += (found.px - at).norm() < 0.15f;
+      return (found.px - at).norm();
+    };
+    blurred_sum += static_cast<double>(error(smeared, &found_blurred));
+    sharp_sum += static_cast<double>(error(plain, &found_sharp));
+  }
+  ASSERT_GT(tried, test::trials(100) / 2);
+  EXPECT_GT(found_blurred, 0.95 * tried);
+  EXPECT_LT(found_sharp, 0.7 * tried) << "control: the streaks matter";
+  EXPECT_LT(3 * blurred_sum, sharp_sum);
+}
+
+// A short streak costs nothing, and its template is the sharp one.
+TEST(Streaks, ShortOnesAreLeftAlone) {
+  test::Random random;
+  const test::Texture texture(random, 40, 0.15, 0.6);
+  const test::OwnedImage image = exposed(texture, Vector2f::Zero());
+  Pyramid source;
+  source.level[0] = image.view();
+  PatchTemplate plain, smeared;
+  ASSERT_EQ(warp_template(source, {80, 80}, Matrix2f::Identity(), 0, &plain), 1);
+  ASSERT_EQ(warp_template(source, {80, 80}, Matrix2f::Identity(), 0, &smeared, {1.9f, 0}), 1);
+  EXPECT_TRUE(std::equal(std::begin(plain.px), std::end(plain.px), std::begin(smeared.px)));
+}
+
+// A point on the ray of a partial point is seen at the source pixel, wherever on the ray, by a camera that moved while
+// it read the image out. The tolerance is what project_rolling()'s two passes leave at up to 450 px/s. Control: taken
+// from the pose at the keyframe's timestamp it lies pixels off.
+TEST(ExposedPose, PutsTheRayWhereTheSourceSawIt) {
+  test::Random random;
+  const Config config = [] {
+    Config phone = Config::phone(test::phone_camera());
+    phone.camera.shutter = test::phone_shutter();
+    return phone;
+  }();
+  Map* map = nullptr;
+  const test::Block block([&](Arena& arena) { map = arena.create<Map>(config); });
+  Vector6f velocity;
+  for (int i = 0; i < 6; ++i) velocity[i] = static_cast<float>(random.uniform(-0.2, 0.2));
+  velocity[4] = 0.4f;
+  const int keyframe = test::add_keyframe(*map, [&](Keyframe& frame) {
+    frame.T_kw = SE3::exp(0.3f * velocity);
+    frame.velocity = velocity;
+    frame.mean_depth = 1;
+  });
+  float worst_control_px = 0;
+  for (int trial = 0; trial < 200; ++trial) {
+    PatchSource source;
+    source.keyframe = static_cast<int16_t>(keyframe);
+    source.px = {static_cast<float>(random.uniform(20, 220)), static_cast<float>(random.uniform(20, 300))};
+    const Vector3f ray = config.camera.unproject(source.px).homogeneous();
+    const float depth = static_cast<float>(random.uniform(0.7, 3));
+    const Keyframe& frame = map->keyframes()[keyframe];
+    PredictedPoint seen;
+    const auto seen_from = [&](const SE3& T_ws) {
+      EXPECT_TRUE(config.camera.project_rolling(frame.T_kw, velocity, T_ws * Vector3f(depth * ray), &seen));
+      return (seen.px - source.px).norm();
+    };
+    EXPECT_LT(seen_from(exposed_pose(*map, config.camera, source)), 0.3f) << source.px.transpose() << " " << depth;
+    worst_control_px = std::max(worst_control_px, seen_from(frame.T_kw.inverse()));
+  }
+  EXPECT_GT(worst_control_px, 2.0f);
+}
+
+}  // namespace
+}  // namespace pptam
