@@ -235,6 +235,7 @@ void PoseUpdater::finish(int unknowns) {
   const SE3 T = SE3::exp(pose_step_) * T_;
   result_.T_cw = {orthonormalised(T.R), T.t};
   result_.velocity = velocity_ + velocity_step_;
+  result_.mean_depth = mean_depth_;
   for (int i = 0; i < 6; ++i) {
     float column[kUnknowns];
     equations_.covariance_column(pose + i, pose, column);

@@ -10,6 +10,7 @@
 // The caller provides the rows (PoseRows): the tracker its measurements of a frame, the mapper those of a keyframe.
 #pragma once
 
+#include <cmath>
 #include <span>
 
 #include <pocket_ptam/camera.h>
@@ -92,6 +93,9 @@ struct PoseUpdate {
   float sigma = 0;
   float cost = 0;   // sum of Tukey costs at scale sigma
   int inliers = 0;  // rows of non-zero weight
+  float mean_depth = 1;  // of the rows' points, world units
+  // 1-sigma of the camera's centre by the covariance, its three components together, in mean depths.
+  float position_sigma() const { return std::sqrt(covariance.topLeftCorner<3, 3>().trace()) / mean_depth; }
   bool ok = false;  // at least 6 inliers and a well-conditioned system; otherwise T_cw is T_start
 };
 

@@ -269,7 +269,7 @@ namespace {
 struct SlFit {
   static constexpr int kUnknowns = 8;
   static constexpr int kMaxIterations = 10;   // as many as the pose update's in [ptam 5.4]; not swept
-  static constexpr int kMinInliers = 14;      // points: 28 equations for 8 unknowns; not swept
+  static constexpr int kMinInliers = 10;      // points: 20 equations for 8 unknowns; not swept
   static constexpr float kMinDepth = 0.1f;    // third homogeneous coordinate of a point that is used; not swept
   static constexpr float kMinPivot = 1e-6f;   // ratio (NormalEquations), ten times float32's rounding; not swept
   static constexpr float kMaxStep = 1.0f;     // norm of a step, whose parameters are of order 1; not swept

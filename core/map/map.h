@@ -62,7 +62,7 @@ struct NeighbourFrame {
 // Views that a start records for the map. The paper keeps two or three [phone 5.1]; two cannot tell structure from the
 // shutter's distortion. Each takes the memory of a keyframe. Not swept.
 constexpr int kMaxInitialKeyframes = 8;
-constexpr int kMinInitialPoints = 15;  // map points without which a start is given up; not swept
+constexpr int kMinInitialPoints = 12;  // map points without which a start is given up; not swept
 
 // Bounds of the numbers in a map, so that all of them are usable: a length or speed to the fourth power is still a
 // float.

@@ -150,12 +150,13 @@ Initialiser::Progress HomographyInitialiser::track(const FrameInput& frame, cons
   const bool sharp = blur_px < kMaxSharpBlur_px;
   recorder_.note(frame, tracker_.points(), sharp);
   if (stage_ == Stage::kHypotheses) return compare(frame, dt_s);
-  constrain(frame, R_cp, dt_s, sharp);
+  constrain(frame, R_cp, dt_s, sharp, options);
   return Progress::kTracking;
 }
 
 // Stage 1: judges how well the motion is known, and begins stage 2 when that is enough.
-void HomographyInitialiser::constrain(const FrameInput& frame, const Matrix3f& R_cp, float dt_s, bool sharp) {
+void HomographyInitialiser::constrain(const FrameInput& frame, const Matrix3f& R_cp, float dt_s, bool sharp,
+                                      const SearchOptions& options) {
   const std::span<const Vector2f> inliers = tracker_.inlier_rays();
   const Decomposition decomposition = decompose_homography(tracker_.H(), inliers, kPureRotationTolerance);
   const bool most_fit = static_cast<float>(inliers.size()) > kMinPlanarShare * static_cast<float>(tracker_.found());
@@ -177,6 +178,11 @@ void HomographyInitialiser::constrain(const FrameInput& frame, const Matrix3f& R
   if (margin > kMinMargin) information_ += margin * margin * dt_s / kTremorCorrelation_s;
   report_.progress = std::clamp(std::max(margin, std::sqrt(information_)) / kRequiredMargin, 0.0f, 1.0f);
   if (report_.progress < 1 || margin < kMinMargin || !sharp) {
+    renew_first_view(frame, rotation_rate);
+    return;
+  }
+  if (tracker_.scene_rests(recorder_.first_pyramid(), frame.pyramid(), options)) {
+    report_.progress = information_ = 0;
     renew_first_view(frame, rotation_rate);
     return;
   }

@@ -61,6 +61,9 @@ class HomographyTracker {
   // Whether many points have stayed in their places since the first view although others have moved: the camera stands,
   // and something moves in front of it. A hand that moves sideways turns too, by more than a pixel.
   bool camera_stands() const;
+  // Whether much of what was not found in the last frame is found where the first view saw it: the scene at rest behind
+  // a thing that moves. Searches all of these points.
+  bool scene_rests(const Pyramid& first_view, const Pyramid& pyramid, const SearchOptions& options);
   // Largest number of points that a frame can search; fewer are attempted when some are out of sight.
   int searched_at_once() const;
 

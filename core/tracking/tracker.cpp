@@ -216,9 +216,7 @@ MapMatch Tracker::match_with_partials(MapMatching::Search search, bool allowed) 
   start.level = search == MapMatching::Search::kBlurred ? config_.coarse_search_level : config_.search_level;
   start.count = config_.max_partial_searches + matching_.capacity() - static_cast<int>(matching_.attempts().size());
   depth_filter_.search(frame_.pyramid(), start);
-  const float position_variance = match.pose.covariance.topLeftCorner<3, 3>().trace();
-  const float enough = kEnoughPositionSigma * start.mean_depth;
-  if (match.inliers >= kEnoughInliers && position_variance < enough * enough) return match;
+  if (match.inliers >= kEnoughInliers && match.pose.position_sigma() < kEnoughPositionSigma) return match;
   return matching_.join(depth_filter_.attempts(), motion_, start.T_cw);
 }
 
@@ -241,7 +239,7 @@ void Tracker::miss() {
 void Tracker::accept(const MapMatch& match, bool blurred, TrackResult* result) {
   motion_.believe(match.pose, frame_.dt_s(), matching_.mean_depth(match.pose.T_cw, motion_.mean_depth()));
   keyframe_policy_.release(motion_);
-  if (confirmed_ > 0 && ++confirmed_ < kFramesToConfirm) return;
+  if (confirmed_ > 0 && (blurred || ++confirmed_ < kFramesToConfirm)) return;
   confirmed_ = 0;
   result->covariance = match.pose.covariance;
   result->T_cw = still_camera_.show(match.pose, motion_, config_.steady_damping);
