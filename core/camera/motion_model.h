@@ -80,7 +80,7 @@ class MotionModel {
   float mean_depth_ = 1;
   int believed_ = 0, missed_ = 0;
 
-  Vector3f last_turn_ = Vector3f::Zero();  // rotation rate of the last frame by turn(), radians/s
+  Vector3f last_turn_ = Vector3f::Zero();    // rotation rate of the last frame by turn(), radians/s
   Vector3f turn_before_ = Vector3f::Zero();  // last_turn_ of the frame before
   // Running mean square of its change between frames, per component, (radians/s)^2, and that of the frame before.
   float turn_change_sq_ = 0, change_before_sq_ = 0;

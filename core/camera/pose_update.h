@@ -91,8 +91,8 @@ struct PoseUpdate {
   // Robust scale: 1-sigma of a component, in units of the rows' sigma. That of the rows of two components if there are
   // any, else that of the rows of one.
   float sigma = 0;
-  float cost = 0;   // sum of Tukey costs at scale sigma
-  int inliers = 0;  // rows of non-zero weight
+  float cost = 0;        // sum of Tukey costs at scale sigma
+  int inliers = 0;       // rows of non-zero weight
   float mean_depth = 1;  // of the rows' points, world units
   // 1-sigma of the camera's centre by the covariance, its three components together, in mean depths.
   float position_sigma() const { return std::sqrt(covariance.topLeftCorner<3, 3>().trace()) / mean_depth; }

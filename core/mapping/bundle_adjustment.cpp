@@ -21,8 +21,8 @@ constexpr float kMinSecondSearch_px = 1.0f, kMaxSecondSearch_px = 1.5f;
 // SearchOptions::max_relative_zmssd of the second search, stricter than the first one's. Not swept.
 constexpr float kSecondSearchZmssd = 0.3f;
 // Measurements from which on a keyframe is adjusted. With fewer it keeps its tracked pose: a camera that turns towards
-// new scenery measures hardly any map point, and the keyframe would move where nothing holds it. Pans on the spot, eight
-// emulated runs: adjusted all the same, one is off by 14 % of the depth; with 6 to 10, 2.7 at most.
+// new scenery measures hardly any map point, and the keyframe would move where nothing holds it. Pans on the spot,
+// eight emulated runs: adjusted all the same, one is off by 14 % of the depth; with 6 to 10, 2.7 at most.
 constexpr int kMinMeasurements = 10;
 constexpr float kMinExtent = 1e-3f;  // of an adjusted map, relative to before: a smaller one has collapsed; not swept
 
@@ -167,8 +167,8 @@ Task<> BundleAdjuster::count_measurements() {
   }
 }
 
-// Frees all live keyframes with enough measurements, or `newest` and the nearest to it. The first keyframe's pose is the
-// datum and never free; its velocity may be free.
+// Frees all live keyframes with enough measurements, or `newest` and the nearest to it. The first keyframe's pose is
+// the datum and never free; its velocity may be free.
 Task<> BundleAdjuster::free_cameras(int newest, bool velocities) {
   FixedVector<Engine::Camera>& cameras = engine_.cameras();
   if (newest < 0) {

@@ -33,11 +33,11 @@ class BundleAdjuster {
  public:
   BundleAdjuster(Arena& arena, const Config& config, Map& map, WorkMeter& meter, Background& background);
 
-  // newest = -1: adjusts all live keyframes with enough measurements but the first, whose pose is the datum. Otherwise: adjusts `newest` and the
-  // four keyframes nearest to it, with the others fixed [ptam 6.3]. With `velocities`, the velocities of up to
-  // kMaxVelocityCameras free keyframes too. After convergence measurements of zero weight are searched again or
-  // removed, and points with fewer than two measurements are removed. Erased keyframes follow every step. A coroutine
-  // of `background`. result() may be read when it has ended.
+  // newest = -1: adjusts all live keyframes with enough measurements but the first, whose pose is the datum. Otherwise:
+  // adjusts `newest` and the four keyframes nearest to it, with the others fixed [ptam 6.3]. With `velocities`, the
+  // velocities of up to kMaxVelocityCameras free keyframes too. After convergence measurements of zero weight are
+  // searched again or removed, and points with fewer than two measurements are removed. Erased keyframes follow every
+  // step. A coroutine of `background`. result() may be read when it has ended.
   Task<> run(int newest, bool velocities, int max_iterations);
   const BundleResult& result() const { return result_; }
 

@@ -29,9 +29,9 @@ constexpr float kSearchRadius_px = 4;
 constexpr float kMargin_px = 2.0f, kMinRadius_px = 3.0f, kMaxRadius_px = 8.0f;
 // ARMv6 instructions to triangulate a partial point, with its checks, as counted for the ARM1176.
 constexpr int64_t kTriangulationInstructions = 3500;
-// Points from which on a plane is fitted to those of a keyframe; a pull of its slopes towards an even depth, in units of
-// a point's share; least pivot (NormalEquations); and bounds of an inverse depth on it, times the mean and its inverse.
-// None was swept.
+// Points from which on a plane is fitted to those of a keyframe; a pull of its slopes towards an even depth, in units
+// of a point's share; least pivot (NormalEquations); and bounds of an inverse depth on it, times the mean and its
+// inverse. None was swept.
 constexpr int kMinPlanePoints = 8;
 constexpr float kEvenDepthPull = 0.002f;
 constexpr float kMinPlanePivot = 1e-5f;

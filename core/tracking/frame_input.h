@@ -12,7 +12,6 @@ inline float elapsed_s(int64_t from_ns, int64_t to_ns) {
   return static_cast<float>((static_cast<double>(to_ns) - static_cast<double>(from_ns)) * 1e-9);
 }
 
-
 // Gap between two frames, s, after which the motion model's velocity is not used, nor rest taken for granted. Not
 // swept.
 constexpr float kMaxGap_s = 1.0f;

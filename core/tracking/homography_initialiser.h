@@ -36,8 +36,7 @@ class HomographyInitialiser final : public Initialiser {
   enum class Stage : uint8_t { kIdle, kHomography, kHypotheses };
 
   Progress give_up();
-  void constrain(const FrameInput& frame, const Matrix3f& R_cp, float dt_s, bool sharp,
-                 const SearchOptions& options);
+  void constrain(const FrameInput& frame, const Matrix3f& R_cp, float dt_s, bool sharp, const SearchOptions& options);
   Progress compare(const FrameInput& frame, float dt_s);
   void renew_first_view(const FrameInput& frame, const Vector3f& rotation_rate);
   float planar_margin(const Decomposition& decomposition);

@@ -17,9 +17,9 @@ constexpr float kMinDistance = 0.004f;
 constexpr float kSparseViewFraction = 0.6f;
 // Interval of keyframes, s, while the map is full: each costs a culling decision. Not swept.
 constexpr float kFullInterval_s = 2.0f;
-// Inliers that will stay in view under which the view is being replaced, and the interval of keyframes then, in those of
-// Config::min_keyframe_interval_s. Of four emulated runs that replace the view within a second, frames tracked: 85 % of
-// the worst without, 97 % with half of the interval; a third gave worse maps.
+// Inliers that will stay in view under which the view is being replaced, and the interval of keyframes then, in those
+// of Config::min_keyframe_interval_s. Of four emulated runs that replace the view within a second, frames tracked: 85 %
+// of the worst without, 97 % with half of the interval; a third gave worse maps.
 constexpr int kUrgentStaying = 15;
 constexpr float kUrgentInterval = 0.5f;
 constexpr float kCosTurn = 0.98f;  // optical axes within 11.5 degrees: views turned by more are not near; not swept

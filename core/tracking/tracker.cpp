@@ -21,8 +21,8 @@ constexpr float kRelocalisedInterval_s = 1.0f;
 // Map points alone give the pose, and partial points do not take part, from so many inliers on, and where these give
 // the position within so many mean depths (1-sigma; in the middle of a map it is 0.003). Pans on the spot over new
 // scenery, eight emulated runs: with inliers alone the position is off by up to 2.3 % of the depth, 7 % while the
-// constants of the pose's prior were varied; with 0.004 to 0.006 by 1.2 %. With 0.005 and less they take part in so many
-// frames that an emulated camera's quick small step is followed late.
+// constants of the pose's prior were varied; with 0.004 to 0.006 by 1.2 %. With 0.005 and less they take part in so
+// many frames that an emulated camera's quick small step is followed late.
 constexpr int kEnoughInliers = 30;
 constexpr float kEnoughPositionSigma = 0.006f;
 // Image motion within the exposure, level-0 px, above which points are searched in the coarse level, and the map takes

@@ -122,11 +122,16 @@ Frame flat_frame(const Recording& recording, std::vector<uint8_t>* pixels, int64
   return frame;
 }
 
-// A camera that stands still, and a printed thing, 30 % of the picture, that is moved before it by up to 50 px.
+// A camera that stands still, and a printed thing, 30 or 39 % of the picture, that is moved before it by up to 50 px.
+// Of the scene behind the larger one too little is found to tell by what rests among the found points alone.
 TEST(Start, AMovingThingBeforeAStandingCameraIsNotTheScene) {
-  constexpr int kWidth = 132, kHeight = 176, kFrames = 90;
+  constexpr int kFrames = 90;
+  struct Case {
+    int width, height;
+    bool background;
+  };
   test::Random random;
-  for (const bool background : {true, false}) {
+  for (const auto& [width, height, background] : {Case{132, 176, true}, {150, 200, true}, {132, 176, false}}) {
     Config config = test::config_for(desk());
     config.camera.shutter = {};
     Phone phone(config);
@@ -136,10 +141,11 @@ TEST(Start, AMovingThingBeforeAStandingCameraIsNotTheScene) {
       std::vector<uint8_t> pixels = background ? desk().images[0] : std::vector<uint8_t>(desk().images[0].size(), 128);
       const std::vector<uint8_t>& print = desk().images[60];
       const double turn = 6.283185 * std::max(i - 10, 0) / 75;
-      const int left = 55 + static_cast<int>(50 * std::sin(turn)),
-                top = 75 + static_cast<int>(20 * std::sin(1.5 * turn));
-      for (int y = 0; y < kHeight; ++y)
-        std::copy_n(print.begin() + (y + 70) * 240 + 50, kWidth, pixels.begin() + (y + top) * 240 + left);
+      const int aside = std::min((240 - width) / 2, 50);
+      const int left = (240 - width) / 2 + static_cast<int>((aside - 1) * std::sin(turn)),
+                top = (320 - height) / 2 + static_cast<int>(20 * std::sin(1.5 * turn));
+      for (int y = 0; y < height; ++y)
+        std::copy_n(print.begin() + (y + 70) * 240 + 50, width, pixels.begin() + (y + top) * 240 + left);
       for (uint8_t& pixel : pixels) pixel = static_cast<uint8_t>(std::clamp(pixel + random.integer(-2, 2), 0, 255));
       Frame frame = desk().frame(0, i * 66'666'667ll + 1);
       frame.data = pixels.data();
