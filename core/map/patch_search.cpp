@@ -159,7 +159,7 @@ Vector2f PatchFinder::streak(const Keyframe& source, const Vector3f& p_s, const 
   };
   const Vector2f target = in(predicted.T_cw * p_w, predicted.velocity);
   const float length_sq = target.squaredNorm();
-  if (length_sq == 0) return target;
+  if (length_sq == 0) return Vector2f::Zero();
   const float more_sq = length_sq - (A_t_s * in(p_s, source.velocity)).squaredNorm();
   return target * std::sqrt(std::max(0.0f, more_sq / length_sq));
 }

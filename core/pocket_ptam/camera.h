@@ -25,7 +25,7 @@ struct ImagePoint {
 // Where a world point should appear.
 struct PredictedPoint {
   Vector2f px = Vector2f::Zero();
-  SE3 T_cw;  // camera pose at the exposure time of the line through px
+  SE3 T_cw;                              // camera pose at the exposure time of the line through px
   Vector6f velocity = Vector6f::Zero();  // of the camera: translation (world units/s), rotation (radians/s)
 };
 

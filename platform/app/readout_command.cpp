@@ -2,7 +2,9 @@
 // and the one under which the tracked frames' points fit best is it. Frames tell more than the finished map's objective
 // (System::map_fit, printed beside): there are many more frames than keyframes.
 
+#include <Eigen/Dense>
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <exception>
 #include <memory>
@@ -32,10 +34,11 @@ struct ReadoutOptions {
   int jobs = 1;
 };
 
-constexpr int kSteps = 4;              // of the readout in either direction, up to the time between two frames
-constexpr int kRounds = 2;             // of halving the step round the best
-constexpr double kWorthSaying = 0.97;  // of a global shutter's reprojection error
-constexpr double kMinTracked = 0.8;    // of the best trial's tracked share, to count at all
+constexpr int kSteps = 4;               // of the readout in either direction, up to the time between two frames
+constexpr int kRounds = 2;              // of halving the step round the best
+constexpr double kWorthSaying = 0.97;   // of a global shutter's reprojection error
+constexpr double kSmoothedSteps = 4.5;  // of the last size, round the best, whose trials tell where the minimum lies
+constexpr double kMinTracked = 0.8;     // of the best trial's tracked share, to count at all
 
 struct Trial {
   RollingShutter::Axis axis = RollingShutter::Axis::kRows;
@@ -95,6 +98,30 @@ const Trial* best_of(const std::vector<Trial>& trials) {
     if (best == nullptr || trial.reprojection_px < best->reprojection_px) best = &trial;
   }
   return best;
+}
+
+// Minimum of the parabola through the trials up to kSmoothedSteps steps from the best one, s, within a step of it: one
+// trial's luck weighs less. The best one's where no parabola opens upwards.
+double smoothed_minimum(const std::vector<Trial>& trials, const Trial& best, double step_s) {
+  std::vector<Eigen::Vector3d> rows;
+  std::vector<double> values;
+  for (const Trial& trial : trials) {
+    const double x = (trial.seconds - best.seconds) / step_s;
+    if ((trial.axis != best.axis && trial.seconds != 0) || std::abs(x) > kSmoothedSteps || trial.fit.measurements == 0)
+      continue;
+    rows.emplace_back(1, x, x * x);
+    values.push_back(trial.reprojection_px);
+  }
+  if (rows.size() < 4) return best.seconds;
+  Eigen::Matrix3d A = Eigen::Matrix3d::Zero();
+  Eigen::Vector3d b = Eigen::Vector3d::Zero();
+  for (size_t i = 0; i < rows.size(); ++i) {
+    A += rows[i] * rows[i].transpose();
+    b += rows[i] * values[i];
+  }
+  const Eigen::Vector3d c = A.ldlt().solve(b);
+  if (!(c[2] > 0)) return best.seconds;
+  return best.seconds + step_s * std::clamp(-c[1] / (2 * c[2]), -1.0, 1.0);
 }
 
 // Whether the recording was whole; all trials read the same one.
@@ -159,7 +186,8 @@ bool find_readout(const ReadoutOptions& options) {
       return report_trouble(*best);
     }
   }
-  std::printf("\nbest: --readout %s, to about %.1f ms\n", option_for(*best).c_str(), 1000 * step_s);
+  std::printf("\nbest: --readout %s, to about %.1f ms\n",
+              readout_text(best->axis, smoothed_minimum(trials, *best, step_s)).c_str(), 1000 * step_s);
   return report_trouble(*best);
 }
 

@@ -177,8 +177,8 @@ TEST(MotionModel, WithoutASeenRotationItsOwnVelocityTurns) {
 }
 
 // A hand that shakes makes the prior wider, up to a bound.
-// A rotation that differs from the expected one by more than the search reaches is a surprise. Without it the prediction
-// is, bit for bit, the one of a frame whose rotation was not seen.
+// A rotation that differs from the expected one by more than the search reaches is a surprise. Without it the
+// prediction is, bit for bit, the one of a frame whose rotation was not seen.
 TEST(MotionModel, ASurprisingRotationCanBeDisregarded) {
   test::Random random;
   const Camera camera{test::phone_camera(), test::phone_shutter()};
