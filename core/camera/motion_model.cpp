@@ -21,8 +21,8 @@ constexpr float kTurnChangeShare = 0.5f;   // ratio
 constexpr float kTurnChangeBlend = 0.1f;   // share of the newest change in the running mean: about ten frames
 constexpr float kMaxSigmaRotation = 0.3f;  // radians/s
 
-// Between the full-frame rotation and the expected one, level-0 px at the image's middle: the reach of a search in
-// level 1. Not swept.
+// Between the full-frame rotation and the expected one, the angle in level-0 px at the focal length: the reach of a
+// search in level 1. Not swept.
 constexpr float kSurprise_px = 8.0f;
 
 }  // namespace

@@ -34,7 +34,7 @@ struct HomographyFit {
   Matrix3f H = Matrix3f::Identity();  // determinant 1
   float sigma = 0;                    // robust scale: 1-sigma of a coordinate, in units of expected_sigma
   int iterations = 0;                 // iterations made; the work meter charges them
-  bool ok = false;                    // at least 14 inliers that constrain all eight parameters
+  bool ok = false;                    // at least 10 inliers that constrain all eight parameters
 };
 // Robust fit of H to x_2 ~ H x_1 by Gauss-Newton with left-multiplied sl(3) updates, from H_start [phone 5.1].
 // expected_sigma: standard deviation of a coordinate of x_2, normalised units. weights (output): final Tukey weight of

@@ -26,9 +26,9 @@ struct PatchTemplate {
   // them.
   int32_t x_blur = 0;
   int32_t y_blur = 0;
+  void add_up();  // sets sum and sum_sq
   // Zero-mean energy, sum_sq - sum^2 / 64, grey^2. Below about 64 x 2^2 (2 grey levels rms) only noise would be
   // matched.
-  void add_up();  // sets sum and sum_sq
   int32_t energy() const { return sum_sq - ((sum * sum) >> 6); }
 };
 

@@ -30,6 +30,7 @@ constexpr float kMinWarpArea = 1e-3f, kMaxWarpArea = 1e3f;
 // mean is taken at most. Blurred from 1 or 1.5 px on nothing is gained, and each blurred template costs two warps.
 constexpr float kMinStreak_px = 2;
 constexpr int kMaxStreakParts = 6;
+constexpr int64_t kStreakInstructions = 500;  // of one streak(): an estimate
 // Area of a template pixel in pixels of the source level, a ratio: within 1/4 to 4 [ptam 5.3]. A level is a factor of
 // 4; above 2 the next coarser level is nearer.
 constexpr float kMinSourceArea = 0.25f, kMaxSourceArea = 4.0f, kCoarserArea = 2.0f, kAreaPerLevel = 0.25f;
@@ -63,10 +64,16 @@ bool patch_affinity(const Camera& camera, const Vector3f& p_s, const Vector3f& n
   return A_t_s->allFinite();
 }
 
-int warp_template(const Pyramid& source, const Vector2f& source_px, const Matrix2f& A_t_s, int level,
-                  PatchTemplate* patch, const Vector2f& streak_px) {
+int streak_parts(const Vector2f& streak_px, int level) {
+  const float length = streak_px.norm() / static_cast<float>(1 << level);
+  if (!(length >= kMinStreak_px)) return 1;  // NaN too
+  return static_cast<int>(std::min(length, static_cast<float>(kMaxStreakParts)) + 0.5f);
+}
+
+bool warp_template(const Pyramid& source, const Vector2f& source_px, const Matrix2f& A_t_s, int level,
+                   PatchTemplate* patch, const Vector2f& streak_px) {
   const float det = A_t_s.determinant();
-  if (!(det > kMinWarpArea) || !(det < kMaxWarpArea)) return 0;
+  if (!(det > kMinWarpArea) || !(det < kMaxWarpArea)) return false;
   // One template pixel covers 4^level / det(A) source pixels at level 0: choose the source level nearest to that.
   const float area = static_cast<float>(1 << (2 * level)) / det;
   int source_level = 0;
@@ -75,25 +82,24 @@ int warp_template(const Pyramid& source, const Vector2f& source_px, const Matrix
     scaled *= kAreaPerLevel;
     ++source_level;
   }
-  if (scaled < kMinSourceArea || scaled > kMaxSourceArea) return 0;
+  if (scaled < kMinSourceArea || scaled > kMaxSourceArea) return false;
   const Matrix2f J_src_tpl = A_t_s.inverse() * (static_cast<float>(1 << level) / static_cast<float>(1 << source_level));
   const Vector2f centre(from_level0(source_px.x(), source_level), from_level0(source_px.y(), source_level));
   const GreyView& image = source.level[source_level];
-  const Vector2f streak = streak_px / static_cast<float>(1 << level);  // template pixels
-  const float length = streak.norm();
-  if (length < kMinStreak_px) return warp_patch(image, centre, J_src_tpl, patch) && patch->energy() >= kMinEnergy;
+  const int parts = streak_parts(streak_px, level);
+  if (parts == 1) return warp_patch(image, centre, J_src_tpl, patch) && patch->energy() >= kMinEnergy;
   // The mean over the exposure: of patches at its equal parts.
-  const int parts = std::clamp(static_cast<int>(length + 0.5f), 2, kMaxStreakParts);
+  const Vector2f streak = streak_px / static_cast<float>(1 << level);  // template pixels
   uint16_t sum[kPatchFramed * kPatchFramed] = {};
   for (int i = 0; i < parts; ++i) {
     const float share = (static_cast<float>(i) + 0.5f) / static_cast<float>(parts) - 0.5f;
-    if (!warp_patch(image, centre + J_src_tpl * (share * streak), J_src_tpl, patch)) return 0;
+    if (!warp_patch(image, centre + J_src_tpl * (share * streak), J_src_tpl, patch)) return false;
     for (int k = 0; k < kPatchFramed * kPatchFramed; ++k) sum[k] = static_cast<uint16_t>(sum[k] + patch->px[k]);
   }
   for (int k = 0; k < kPatchFramed * kPatchFramed; ++k)
     patch->px[k] = static_cast<uint8_t>((sum[k] + parts / 2) / parts);
   patch->add_up();
-  return patch->energy() >= kMinEnergy ? parts : 0;
+  return patch->energy() >= kMinEnergy;
 }
 
 SearchOutcome find_template(const Pyramid& target, const PatchTemplate& patch, const Vector2f& predicted_px,
@@ -172,11 +178,14 @@ SearchOutcome PatchFinder::find(const PatchSource& source, const Vector3f& p_w, 
   if (!patch_affinity(camera_, p_s, source.normal, predicted.T_cw * keyframe.T_kw.inverse(), &A_t_s))
     return SearchOutcome::kNotVisible;
   PatchTemplate patch;
-  const Vector2f streak_px =
-      exposure_s_ > 0 ? streak(keyframe, p_s, A_t_s, p_w, predicted) : Vector2f(Vector2f::Zero());
-  const int warped = warp_template(keyframe.pyramid, source.px, A_t_s, options.level, &patch, streak_px);
-  meter_.charge(Work::kPatchWarp, std::max(warped, 1));
-  if (warped == 0) return SearchOutcome::kNotVisible;
+  Vector2f streak_px = Vector2f::Zero();
+  if (exposure_s_ > 0) {
+    streak_px = streak(keyframe, p_s, A_t_s, p_w, predicted);
+    meter_.charge(Work::kOther, kStreakInstructions);
+  }
+  meter_.charge(Work::kPatchWarp, streak_parts(streak_px, options.level));
+  if (!warp_template(keyframe.pyramid, source.px, A_t_s, options.level, &patch, streak_px))
+    return SearchOutcome::kNotVisible;
   return find_template(target, patch, predicted.px, options, meter_, found);
 }
 

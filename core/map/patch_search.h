@@ -36,10 +36,11 @@ bool patch_affinity(const Camera& camera, const Vector3f& p_s, const Vector3f& n
 // Warps the patch at source_px of the source pyramid by A (target level 0 from source level 0) for a search in
 // `level`, from the source level whose scale fits best. False when |det| falls outside [1/4, 4] at every level, the
 // template leaves the source image, or has too little contrast. streak_px: level-0 pixels of the target by which the
-// point moves while it is exposed; the template is blurred alike. Returns the number of patches warped: several where
-// it is blurred, 0 for false.
-int warp_template(const Pyramid& source, const Vector2f& source_px, const Matrix2f& A_t_s, int level,
-                  PatchTemplate* patch, const Vector2f& streak_px = Vector2f::Zero());
+// point moves while it is exposed; the template is blurred alike.
+bool warp_template(const Pyramid& source, const Vector2f& source_px, const Matrix2f& A_t_s, int level,
+                   PatchTemplate* patch, const Vector2f& streak_px = Vector2f::Zero());
+// Number of patches that warp_template() takes the mean of, at most 6; 1: the template is not blurred.
+int streak_parts(const Vector2f& streak_px, int level);
 
 // Searches and refines a warped template around predicted_px (level 0).
 SearchOutcome find_template(const Pyramid& target, const PatchTemplate& patch, const Vector2f& predicted_px,

@@ -167,13 +167,14 @@ Task<> BundleAdjuster::count_measurements() {
   }
 }
 
-// Frees all live keyframes with enough measurements, or `newest` and the nearest to it. The first keyframe's pose is
-// the datum and never free; its velocity may be free.
+// Frees all live keyframes with enough measurements, or `newest` and the nearest to it. In a map that is not ready all
+// of them, since hold_scale() moves all. The first keyframe's pose is the datum and never free; its velocity may be
+// free.
 Task<> BundleAdjuster::free_cameras(int newest, bool velocities) {
   FixedVector<Engine::Camera>& cameras = engine_.cameras();
   if (newest < 0) {
     for (int k = 0; k < cameras.size(); ++k) {
-      const bool live = map_.keyframes()[k].live() && measured_[k] >= kMinMeasurements;
+      const bool live = map_.keyframes()[k].live() && (!map_.ready() || measured_[k] >= kMinMeasurements);
       cameras[k].pose_free = live && k > 0;
       cameras[k].velocity_free = live && velocities;
     }

@@ -29,6 +29,8 @@ constexpr float kSearchRadius_px = 4;
 constexpr float kMargin_px = 2.0f, kMinRadius_px = 3.0f, kMaxRadius_px = 8.0f;
 // ARMv6 instructions to triangulate a partial point, with its checks, as counted for the ARM1176.
 constexpr int64_t kTriangulationInstructions = 3500;
+constexpr int64_t kExposedPoseInstructions = 600;  // of one exposed_pose(): an estimate
+constexpr int64_t kSurfacePointInstructions = 60;  // of a point of the surface that a keyframe sees: an estimate
 // Points from which on a plane is fitted to those of a keyframe; a pull of its slopes towards an even depth, in units
 // of a point's share; least pivot (NormalEquations); and bounds of an inverse depth on it, times the mean and its
 // inverse. None was swept.
@@ -102,7 +104,7 @@ bool PartialPoints::promote(int i, int keyframe) {
   const SE3 T_we = exposed_pose(map_, camera, partial.source);
   Vector3f p_w = T_we * Vector3f(partial.ray / partial.inverse_depth);
   PredictedPoint predicted;
-  meter_.charge(Work::kOther, 2 * kPredictionInstructions);
+  meter_.charge(Work::kOther, 2 * kPredictionInstructions + kExposedPoseInstructions);
   if (!predict_in_keyframe(map_, camera, keyframe, p_w, &predicted)) return true;
   // The search's circle reaches one sigma of the inverse depth along the epipolar line, on either side.
   const float sigma_q = partial.information > 0 ? 1.0f / std::sqrt(partial.information) : partial.inverse_depth;
@@ -170,7 +172,7 @@ Task<> PartialPoints::find_occupied(int keyframe) {
       occupied_.push_back(predicted.px);
       surface_.add(T_kw * point.p_w);
     }
-    co_await background_.spend(Work::kOther, kPredictionInstructions);
+    co_await background_.spend(Work::kOther, kPredictionInstructions + kSurfacePointInstructions);
   }
   for (int i = 0; i < map_.partial_points().size(); ++i) {
     const PartialPoint& partial = map_.partial_points()[i];
@@ -182,7 +184,7 @@ Task<> PartialPoints::find_occupied(int keyframe) {
     } else {
       out_of_view_.push_back({partial.id, i});
     }
-    co_await background_.spend(Work::kOther, kPredictionInstructions);
+    co_await background_.spend(Work::kOther, kPredictionInstructions + kExposedPoseInstructions);
   }
 }
 

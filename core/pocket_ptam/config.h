@@ -38,7 +38,7 @@ struct Config {
   CreateKeyframeCulling* culling = nullptr;
 
   Camera camera;            // lens and shutter; System::create calls camera.model.prepare()
-  float exposure_s = 0.0f;  // seconds, at most 1; predicts motion blur. 0: unknown
+  float exposure_s = 0.0f;  // seconds, at most 1; predicts motion blur, and templates are blurred alike. 0: unknown
 
   // Live keyframes: those in bundle adjustment, whose measurements the map points keep. When there is one too many, the
   // least useful one is erased [phone 3.3: 35]. Bundle adjustment solves in O(max_keyframes^3). Measured: an error of
@@ -72,7 +72,8 @@ struct Config {
   // Starts initialisation without a tap once the camera has been held still for 0.3 s before a textured view. After a
   // failure it starts again, until there is a map.
   bool auto_start = false;
-  float min_keyframe_interval_s = 0.2f;  // seconds between keyframes (0.67 in [ptam 6.2]); not swept
+  // Seconds between keyframes (0.67 in [ptam 6.2]); half of it where the view is being replaced. Not swept.
+  float min_keyframe_interval_s = 0.2f;
   // Damps the reported pose while the whole image is at rest: it follows the measured pose only as far as noise does
   // not explain the difference. False: every pose as measured.
   bool steady_damping = true;

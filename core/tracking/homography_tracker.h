@@ -31,6 +31,7 @@ struct TrackedPoint {
   float weight = 0;                      // Tukey weight in the homography fit
   float farthest_sq = 0;                 // px_2 to px_1 at most since the first view, squared level-0 pixels
   bool on_plane = false;                 // inlier of H when it was last found
+  bool had_turn = false;                 // in the last frame: searched, or expected outside of the image
   bool found = false;
 };
 
@@ -62,7 +63,7 @@ class HomographyTracker {
   // and something moves in front of it. A hand that moves sideways turns too, by more than a pixel.
   bool camera_stands() const;
   // Whether much of what was not found in the last frame is found where the first view saw it: the scene at rest behind
-  // a thing that moves. Searches all of these points.
+  // a thing that moves. Searches at most kSearchesPerFrame points again.
   bool scene_rests(const Pyramid& first_view, const Pyramid& pyramid, const SearchOptions& options);
   // Largest number of points that a frame can search; fewer are attempted when some are out of sight.
   int searched_at_once() const;

@@ -31,10 +31,10 @@ constexpr int kMinBelievedForKeyframe = 2;  // believed poses in a row, so that 
 bool KeyframePolicy::wants(int64_t timestamp_ns, const MotionModel& motion, int staying) const {
   if (!map_.queue().can_hold()) return false;
   float interval_s = config_.min_keyframe_interval_s;
-  if (staying < kUrgentStaying) {
-    interval_s *= kUrgentInterval;
-  } else if (map_.full()) {
+  if (map_.full()) {
     interval_s = std::max(kFullInterval_s, interval_s);
+  } else if (staying < kUrgentStaying) {
+    interval_s *= kUrgentInterval;
   }
   if (elapsed_s(last_ns_, timestamp_ns) < interval_s) return false;
   if (motion.believed() < kMinBelievedForKeyframe) return false;

@@ -156,7 +156,7 @@ void MapMatching::search(const Pyramid& pyramid, const SE3& T_start, const Veloc
   for (const int index : selected_) {
     const MapPoint& point = map_.points()[index];
     PredictedPoint predicted;
-    if (point.id == 0) continue;  // of the last frame's choice, and removed since
+    if (point.id == 0) continue;  // of support(): removed since the last frame
     if (!config_.camera.project_rolling(T_start, prior.mean, point.p_w, &predicted) ||
         !config_.camera.in_image(predicted.px, kSearchBorder_px))
       continue;

@@ -71,6 +71,7 @@ class MapMatching {
   float reprojection_px() const;                           // rms error of an inlier's coordinate, level-0 pixels
   int capacity() const { return selection_.capacity(); }
   void forget() { attempts_.clear(); }
+  void restart() { selected_ = {}; }                        // with another map
   void report(FixedVector<ObservedPoint>* observed) const;  // replaces *observed by the attempts
   void count_searches();                                    // adds the attempts to the map points' statistics
 

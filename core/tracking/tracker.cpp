@@ -10,8 +10,8 @@ namespace {
 
 // Bad frames in a row after which the camera is lost: the motion model bridges fewer [ptam 5.6, "a few"]. Not swept.
 constexpr int kBadFramesUntilLost = 3;
-// Good frames in a row, the first included, that confirm a pose of the relocaliser before it is reported. Fewer accept
-// wrong poses, which corrupt the map. Not swept.
+// Good frames in a row, the first included and the last one sharp, that confirm a pose of the relocaliser before it is
+// reported. Fewer accept wrong poses, which corrupt the map. Not swept.
 constexpr int kFramesToConfirm = 2;
 
 // Interval, s, given to the motion model for a relocalised pose: the time since the last pose means nothing, and a long
@@ -27,7 +27,7 @@ constexpr int kEnoughInliers = 30;
 constexpr float kEnoughPositionSigma = 0.006f;
 // Image motion within the exposure, level-0 px, above which points are searched in the coarse level, and the map takes
 // nothing: templates are blurred by as much in level 1 as can still be told apart, most of their width. With 6 in place
-// of 12 an emulated dim room costs 2 to 5 times the error (0.19 in place of 1.07 % in one run).
+// of 12, and sharp templates, two emulated dim rooms cost 2 and 5 times the error (1.07 in place of 0.19 % in one).
 constexpr float kCoarseBlur_px = 12.0f;
 // Error of the pose in the image, pixels of the level searched, where map points gave it, and where it is predicted.
 // Not swept.
@@ -61,6 +61,7 @@ void Tracker::reset() {
   hint_ = config_.auto_start ? Hint::kHoldStill : Hint::kTap;
   start_trigger_.reset();
   motion_.forget();
+  matching_.restart();
   last_ = TrackResult();
   confirmed_ = 0;
 }
@@ -314,6 +315,7 @@ void Tracker::track_initialiser(TrackResult* result) {
     SE3 T_cw;
     Vector6f velocity;
     const bool built = initialiser_->build(map_, &T_cw, &velocity);
+    matching_.restart();
     initialiser_->reset();
     if (!built) {
       state_ = TrackingState::kWaiting;

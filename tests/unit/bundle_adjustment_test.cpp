@@ -349,7 +349,7 @@ TEST(BundleAdjustment, LocalAdjustmentHoldsTheOthers) {
 // it is adjusted.
 TEST(BundleAdjustment, KeyframesWithFewMeasurementsStay) {
   test::Random random;
-  for (const int kept : {0, 3, 9, 40}) {
+  for (const int kept : {0, 3, 9, 10, 40}) {
     World world(disturbed(), random.seed());
     Map& map = world.map();
     constexpr int kWeak = kKeyframes - 1;

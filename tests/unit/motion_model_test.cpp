@@ -176,7 +176,6 @@ TEST(MotionModel, WithoutASeenRotationItsOwnVelocityTurns) {
   EXPECT_EQ(flight.motion.expected_motion().t, Vector3f(0, 0, 0));
 }
 
-// A hand that shakes makes the prior wider, up to a bound.
 // A rotation that differs from the expected one by more than the search reaches is a surprise. Without it the
 // prediction is, bit for bit, the one of a frame whose rotation was not seen.
 TEST(MotionModel, ASurprisingRotationCanBeDisregarded) {
@@ -208,6 +207,7 @@ TEST(MotionModel, ASurprisingRotationCanBeDisregarded) {
   }
 }
 
+// A hand that shakes makes the prior wider, up to a bound.
 TEST(MotionModel, ShakingWidensThePrior) {
   test::Random random;
   float last = 0;
