@@ -48,7 +48,7 @@ constexpr float kMinPlanarShare = 0.7f;
 // General motion, from the epipolar constraint.
 constexpr int kRelativeSteps = 8;  // iterations of one start at most; not swept
 // Points times iterations after which a frame tries no further start: about 1.2 million ARMv6 instructions, which keeps
-// the counted worst frame of a start in clutter at 4.2 million (tests/budget).
+// the counted worst frame of a start in clutter at 4.1 million (tests/budget).
 constexpr int kRelativeBudget = 1200;
 constexpr float kEpipolarFloor_px = 0.3f;     // smallest robust scale: kStartSigma_px * kRobustSigmaFloor, as of H
 constexpr float kMaxEpipolarSigma_px = 1.2f;  // robust scale, level-0 px; not swept
