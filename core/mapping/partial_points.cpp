@@ -159,7 +159,8 @@ bool PartialPoints::promote(int i, int keyframe) {
 }
 
 // Collects for add_corners(): where the keyframe measures map points and shows partial points, and the partial points
-// that it does not show. A map point that was not found leaves its place to a new one.
+// that it does not show; and the surface of the measured points. A map point that was not found leaves its place to a
+// new one.
 Task<> PartialPoints::find_occupied(int keyframe) {
   occupied_.clear();
   out_of_view_.clear();

@@ -101,24 +101,22 @@ const Trial* best_of(const std::vector<Trial>& trials) {
 }
 
 // Minimum of the parabola through the trials up to kSmoothedSteps steps from the best one, s, within a step of it: one
-// trial's luck weighs less. The best one's where no parabola opens upwards.
+// trial's luck weighs less. The best one's where these are fewer than four, or the parabola opens downwards.
 double smoothed_minimum(const std::vector<Trial>& trials, const Trial& best, double step_s) {
-  std::vector<Eigen::Vector3d> rows;
-  std::vector<double> values;
-  for (const Trial& trial : trials) {
-    const double x = (trial.seconds - best.seconds) / step_s;
-    if ((trial.axis != best.axis && trial.seconds != 0) || std::abs(x) > kSmoothedSteps || trial.fit.measurements == 0)
-      continue;
-    rows.emplace_back(1, x, x * x);
-    values.push_back(trial.reprojection_px);
-  }
-  if (rows.size() < 4) return best.seconds;
   Eigen::Matrix3d A = Eigen::Matrix3d::Zero();
   Eigen::Vector3d b = Eigen::Vector3d::Zero();
-  for (size_t i = 0; i < rows.size(); ++i) {
-    A += rows[i] * rows[i].transpose();
-    b += rows[i] * values[i];
+  int count = 0;
+  for (const Trial& trial : trials) {
+    const double x = (trial.seconds - best.seconds) / step_s;
+    if ((trial.axis != best.axis && trial.seconds != 0) || std::abs(x) > kSmoothedSteps ||
+        trial.fit.measurements == 0 || trial.tracked < kMinTracked * best.tracked)
+      continue;
+    const Eigen::Vector3d row(1, x, x * x);
+    A += row * row.transpose();
+    b += row * trial.reprojection_px;
+    ++count;
   }
+  if (count < 4) return best.seconds;
   const Eigen::Vector3d c = A.ldlt().solve(b);
   if (!(c[2] > 0)) return best.seconds;
   return best.seconds + step_s * std::clamp(-c[1] / (2 * c[2]), -1.0, 1.0);
