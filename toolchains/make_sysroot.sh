@@ -22,7 +22,7 @@ architecture="" suite=bookworm folder=""
 while (($# > 0)); do
   case "$1" in
     arm64 | armhf | armel) architecture=$1 ;;
-    --suite) suite=${2:-none}; shift ;;
+    --suite) suite=${2:?--suite needs bookworm or trixie}; shift ;;
     --folder) folder=${2:?--folder needs a folder}; shift ;;
     *)
       echo "error: $1 is neither arm64, armhf nor armel, nor an option; see --help" >&2
@@ -64,8 +64,10 @@ fi
 install_packages qemu-user debian-archive-keyring
 
 # Filled under another name, so that a sysroot is whole or not there.
-part=$sysroot.part
-rm -rf "$part"
+mkdir -p "$(dirname "$sysroot")"
+part=$(mktemp -d "$sysroot.XXXXXX")
+trap 'rm -rf "$part"' EXIT
+chmod 755 "$part"
 mkdir -p "$part"/.apt/{etc/apt/{apt.conf.d,preferences.d,sources.list.d},state/lists/partial,cache/archives/partial}
 apt_root=$part/.apt
 touch "$apt_root/status"
