@@ -4,7 +4,7 @@ if(PPTAM_BOARD STREQUAL "arm64")
   set(CMAKE_SYSTEM_PROCESSOR aarch64)
   set(triplet aarch64-linux-gnu)
   set(CMAKE_CROSSCOMPILING_EMULATOR qemu-aarch64 -cpu cortex-a53)
-elseif(PPTAM_BOARD STREQUAL "armhf")  # Debian's own code does without NEON, of which only the first ARMv7 boards have none
+elseif(PPTAM_BOARD STREQUAL "armhf")  # with NEON, which only the first ARMv7 boards lack
   set(CMAKE_SYSTEM_PROCESSOR armv7)
   set(triplet arm-linux-gnueabihf)
   set(cpu "-march=armv7-a -mtune=cortex-a7 -mfpu=neon -mfloat-abi=hard -Wno-psabi")
@@ -17,7 +17,7 @@ elseif(PPTAM_BOARD STREQUAL "armel")  # ARMv6 with VFP2: see armv6-linux-gnueabi
 else()
   message(FATAL_ERROR "PPTAM_BOARD is \"${PPTAM_BOARD}\": it must be arm64, armhf or armel")
 endif()
-set(PPTAM_SYSROOT ${CMAKE_CURRENT_LIST_DIR}/../build/sysroots/${PPTAM_BOARD} CACHE PATH "The board's headers and libraries")
+set(PPTAM_SYSROOT ${CMAKE_CURRENT_LIST_DIR}/../build/sysroots/${PPTAM_BOARD} CACHE PATH "The board's libraries")
 get_filename_component(PPTAM_SYSROOT ${PPTAM_SYSROOT} ABSOLUTE)
 if(NOT EXISTS ${PPTAM_SYSROOT}/usr/lib/${triplet}/libc.so)
   message(FATAL_ERROR "No sysroot for ${PPTAM_BOARD} in ${PPTAM_SYSROOT}: toolchains/make_sysroot.sh makes it")
@@ -38,7 +38,8 @@ set(ENV{PKG_CONFIG_LIBDIR} ${PPTAM_SYSROOT}/usr/lib/${triplet}/pkgconfig:${PPTAM
 set(CMAKE_CXX_COMPILER ${triplet}-g++-12)
 # It comes with a C library of its own and would look there first. When that is newer than the board's, the program
 # would not start.
-execute_process(COMMAND ${CMAKE_CXX_COMPILER} -print-file-name=include OUTPUT_VARIABLE own OUTPUT_STRIP_TRAILING_WHITESPACE)
+execute_process(COMMAND ${CMAKE_CXX_COMPILER} -print-file-name=include
+                OUTPUT_VARIABLE own OUTPUT_STRIP_TRAILING_WHITESPACE)
 set(standard /usr/${triplet}/include/c++/12)
 set(usr ${PPTAM_SYSROOT}/usr)
 set(flags -nostdinc)

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Puts the program that has been built for a board into a folder with every library that it needs, the C library too: for
-# systems that have other ones, or none of that kind.
+# Puts the program that has been built for a board into a folder with every library that it needs, the C library too:
+# for systems that have other ones, or none of that kind.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
@@ -40,7 +40,7 @@ esac
 build=${build:-build/board-$architecture}
 folder=$(realpath -m "${folder:-build/boards/$architecture}")
 if [[ ! -x "$build/pocket-ptam" ]]; then
-  echo "error: no program in $build: cmake --preset board-$architecture && cmake --build --preset board-$architecture" >&2
+  echo "error: no program in $build. Presets: cmake --preset board-$architecture, cmake --build likewise" >&2
   exit 1
 fi
 if [[ -e "$folder" && ! -e "$folder/lib/$loader" && -n "$(ls -A "$folder")" ]]; then
@@ -82,6 +82,11 @@ while ((${#needed[@]} > 0)); do
   done
 done
 
+# What the program itself names, by the packages that have it.
+packages=$("$triplet-objdump" -p "$part/bin/pocket-ptam" | sed -n 's/^  NEEDED *//p' |
+  while read -r name; do sed -n "s/^$name //p" "$sysroot/.libraries"; done | sort -u | tr '\n' ' ')
+read -r suite _ <"$sysroot/.made_of"
+
 cat >"$part/pocket-ptam" <<RUN
 #!/bin/sh
 # Runs bin/pocket-ptam with the libraries beside it, not those of the system.
@@ -93,3 +98,4 @@ chmod 755 "$part/pocket-ptam"
 rm -rf "$folder"
 mv "$part" "$folder"
 echo "$folder: $(du -sm "$folder" | cut -f 1) MB"
+echo "bin/pocket-ptam alone, on $suite, needs: $packages"

@@ -107,8 +107,10 @@ for directory in bin lib sbin; do  # as on every Debian since 12; else a linker 
   ln -s "usr/$directory" "$part/$directory"
 done
 for archive in "${archives[@]}"; do
-  dpkg-deb --fsys-tarfile "$archive" | tar -x -C "$part" --keep-directory-symlink --no-same-owner \
-    --exclude='./usr/share/doc*' --exclude='./usr/share/man*' --exclude='./usr/share/locale*' || fail "$archive is damaged"
+  package=$(dpkg-deb --field "$archive" Package)
+  dpkg-deb --fsys-tarfile "$archive" | tar -xv -C "$part" --keep-directory-symlink --no-same-owner \
+    --exclude='./usr/share/doc*' --exclude='./usr/share/man*' --exclude='./usr/share/locale*' |
+    sed -nE "s#.*/(lib[^/]*\.so\.[^/]*)\$#\1 $package#p" >>"$part/.libraries" || fail "$archive is damaged"
 done
 
 # An absolute link would lead to this computer's file.

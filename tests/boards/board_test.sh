@@ -1,13 +1,13 @@
 #!/usr/bin/env bash
-# The program for a board, run by an emulator of its processor, beside this computer's: the same helps, and from the same
-# images the same results. --help says how to run it; the exit code is 0 when all is alike.
+# The program for a board, run by an emulator of its processor, beside this computer's: the same helps, and from the
+# same images the same results. --help says how to run it; the exit code is 0 when all is alike.
 set -euo pipefail
 
 if [[ "${1:-}" == -h || "${1:-}" == --help || $# -lt 2 ]]; then
   cat <<'HELP'
 Usage: tests/boards/board_test.sh PROGRAM COMMAND...
-Renders 4 s of the emulated phone's desk with PROGRAM, this computer's pocket-ptam, stores the images in five formats, and
-runs replay with PROGRAM and with COMMAND, the board's and its emulator:
+Renders 4 s of the emulated phone's desk with PROGRAM, this computer's pocket-ptam, stores the images in five formats,
+and runs replay with PROGRAM and with COMMAND, the board's and its emulator:
   tests/boards/board_test.sh build/release/pocket-ptam \
     qemu-aarch64 -L build/sysroots/arm64 build/board-arm64/pocket-ptam
 HELP
@@ -53,8 +53,8 @@ mv "$work/desk/mixed.txt" "$work/desk/rgb.txt"
 replay() {  # out, program...
   local out=$1
   shift
-  "$@" replay "$work/desk" --calibration "$work/desk/calibration.yaml" --out "$out" --save-map "$out.map" >"$out.log" 2>&1 ||
-    fail "replay ends with $?: $(tail -1 "$out.log")"
+  "$@" replay "$work/desk" --calibration "$work/desk/calibration.yaml" --out "$out" --save-map "$out.map" \
+    >"$out.log" 2>&1 || fail "replay ends with $?: $(tail -1 "$out.log")"
 }
 same_results() {  # out, out: all numbers; pictures are drawn by libraries that do not promise the same bits
   local file
