@@ -61,6 +61,7 @@ trap 'rm -rf "$part"' EXIT
 chmod 755 "$part"
 mkdir "$part/bin" "$part/lib"
 cp "$build/pocket-ptam" "$part/bin"
+find "$build" -maxdepth 1 -name 'pocket-ptam-*.so' -exec cp -t "$part/lib" {} +  # modules, if there are any
 cp "$libraries"/gdk-pixbuf-2.0/*/loaders/*.so "$part/lib"  # decoders, found by name as the other libraries are
 sed -E 's#^"/.*/([^/]*\.so)"#"\1"#' "$libraries"/gdk-pixbuf-2.0/*/loaders.cache >"$part/lib/loaders.cache"
 
@@ -89,7 +90,7 @@ read -r suite _ <"$sysroot/.made_of"
 
 cat >"$part/pocket-ptam" <<RUN
 #!/bin/sh
-# Runs bin/pocket-ptam with the libraries beside it, not those of the system.
+# Runs bin/pocket-ptam with the libraries beside it, not those of the system; on another processor by PPTAM_EMULATOR.
 here=\$(dirname "\$(readlink -f "\$0")")
 export GDK_PIXBUF_MODULE_FILE="\$here/lib/loaders.cache"
 exec \$PPTAM_EMULATOR "\$here/lib/$loader" --library-path "\$here/lib" "\$here/bin/pocket-ptam" "\$@"
