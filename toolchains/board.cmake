@@ -36,8 +36,8 @@ set(ENV{PKG_CONFIG_LIBDIR} ${PPTAM_SYSROOT}/usr/lib/${triplet}/pkgconfig:${PPTAM
 
 # Debian 12's compiler, which 13 has too: what it makes runs on both.
 set(CMAKE_CXX_COMPILER ${triplet}-g++-12)
-# It comes with a C library of its own and would look there first. When that is newer than the board's, the program
-# would not start.
+# It comes with libraries of its own, C's and C++'s, and would look there first. When those are newer than the board's,
+# the program would not start.
 execute_process(COMMAND ${CMAKE_CXX_COMPILER} -print-file-name=include
                 OUTPUT_VARIABLE own OUTPUT_STRIP_TRAILING_WHITESPACE)
 set(standard /usr/${triplet}/include/c++/12)

@@ -117,6 +117,8 @@ done
 find "$part" -type l -lname '/*' | while read -r link; do
   ln -sfn "$(realpath -ms --relative-to="$(dirname "$link")" "$part$(readlink "$link")")" "$link"
 done
+# The compiler's own may be newer than the board's: see board.cmake.
+ln -s libstdc++.so.6 "$part/usr/lib/$triplet/libstdc++.so"
 # What the package's installation would do: images are decoded by plugins, which this file lists by their paths there.
 loaders=/usr/lib/$triplet/gdk-pixbuf-2.0
 "$emulator" -L "$part" "$part$loaders/gdk-pixbuf-query-loaders" "$part$loaders"/*/loaders/*.so 2>"$apt_root/log" |
