@@ -14,8 +14,8 @@ Without options the presets below, one after the other:
   test      everything, by gcc                      armv7     kernels, map files and bits on a Cortex-A7 with NEON
   sanitize  unit, kernel, map file, bits and API    aarch64   the same on a 64-bit Cortex-A53
             tests by clang with sanitizers
---all: besides, the tests of sanitize by clang without them, the unit tests on every processor, and the studies whole
-that are otherwise sampled.
+--all: besides, the tests of sanitize by clang without them, the unit tests on every processor, the studies whole that
+are otherwise sampled, and the whole program for boards with Debian, emulated: board-arm64, board-armhf, board-armel.
 With other options one preset, test if none is named; those that are not known here go to ctest:
   tests/run.sh -L unit                   only the tests of one folder: unit, kernels, map_file, budget, scenario,
                                          cli
@@ -31,11 +31,12 @@ while (($# > 0)); do
   case "$1" in
     --all)
       export PPTAM_ALL=1
-      presets=(style test clang sanitize armv6 armv7 aarch64)
+      presets=(style test clang sanitize armv6 armv7 aarch64 board-arm64 board-armhf board-armel)
       ;;
     --preset)
-      if [[ " style test debug clang sanitize armv6 armv7 aarch64 " != *" ${2:-none} "* ]]; then
-        echo "error: --preset needs one of style, test, debug, clang, sanitize, armv6, armv7, aarch64; see --help" >&2
+      known=" style test debug clang sanitize armv6 armv7 aarch64 board-arm64 board-armhf board-armel "
+      if [[ "$known" != *" ${2:-none} "* ]]; then
+        echo "error: --preset needs one of$known; see --help" >&2
         exit 2
       fi
       one_preset=$2
@@ -66,6 +67,7 @@ for preset in "${presets[@]}"; do
     style) packages+=("${style_packages[@]}") ;;
     clang | sanitize) packages+=("${sanitize_packages[@]}") ;;
     arm* | aarch64) packages+=("${target_packages[@]}") ;;
+    board-*) packages+=("${board_packages[@]}") ;;
   esac
 done
 install_packages "${packages[@]}"
@@ -109,6 +111,16 @@ for preset in "${presets[@]}"; do
     check_style
     echo "== style: $((SECONDS - started)) s"
     continue
+  fi
+  if [[ "$preset" == board-* ]]; then  # its results are compared with those of this computer's program
+    echo "== $preset: its sysroot, and the program for this computer"
+    if ! toolchains/make_sysroot.sh "${preset#board-}"; then
+      echo "skipped: $preset, whose packages cannot be had"
+      count 0 0 1
+      continue
+    fi
+    cmake --preset release --log-level=WARNING >/dev/null &&
+      cmake --build --preset release --parallel "$(nproc)" --target pocket-ptam || true  # missed, the test fails
   fi
   targets=() labels=""
   case "$preset" in

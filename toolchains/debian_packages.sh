@@ -1,5 +1,5 @@
-# Sourced by tests/run.sh, tests/bench/run.sh, tests/fuzz/run.sh and sim_phone/demo.sh: the Debian packages that a build needs, and how they
-# get installed.
+# Sourced by tests/run.sh, tests/bench/run.sh, tests/fuzz/run.sh, sim_phone/demo.sh and toolchains/make_sysroot.sh: the
+# Debian packages that a build needs, and how they get installed.
 
 program_packages=(
   g++ cmake ninja-build pkgconf
@@ -11,6 +11,9 @@ program_packages=(
 test_packages=(libgtest-dev)
 target_packages=(                                       # tests/run.sh runs the core on other processors
   g++-arm-linux-gnueabi g++-arm-linux-gnueabihf g++-aarch64-linux-gnu qemu-user
+)
+board_packages=(                                        # toolchains/board.cmake cross-builds the program
+  g++-12-arm-linux-gnueabi g++-12-arm-linux-gnueabihf g++-12-aarch64-linux-gnu qemu-user
 )
 style_packages=(clang clang-format clang-tidy)
 sanitize_packages=(clang libclang-rt-dev)

@@ -1,0 +1,102 @@
+#!/usr/bin/env bash
+# Puts the program that has been built for a board into a folder with every library that it needs, the C library too:
+# for systems that have other ones, or none of that kind.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+
+if [[ "${1:-}" == -h || "${1:-}" == --help ]]; then
+  cat <<'HELP'
+Usage: toolchains/make_board_folder.sh arm64|armhf|armel [--build DIR] [--folder DIR]
+Makes DIR [build/boards/ARCHITECTURE] of the program in --build DIR [build/board-ARCHITECTURE] and the libraries of
+its sysroot. Copy the folder to the board and run DIR/pocket-ptam there: it asks for nothing but a Linux kernel of that
+processor, whichever C library the system has. Videos and plots need the board's own ffmpeg and gnuplot.
+Exit code: 0 when the folder is whole, 1 when it could not be made, 2 when asked for something unknown.
+HELP
+  exit 0
+fi
+
+architecture="" build="" folder=""
+while (($# > 0)); do
+  case "$1" in
+    arm64 | armhf | armel) architecture=$1 ;;
+    --build) build=${2:?--build needs a folder}; shift ;;
+    --folder) folder=${2:?--folder needs a folder}; shift ;;
+    *)
+      echo "error: $1 is neither arm64, armhf nor armel, nor an option; see --help" >&2
+      exit 2
+      ;;
+  esac
+  shift
+done
+case "$architecture" in
+  arm64) triplet=aarch64-linux-gnu loader=ld-linux-aarch64.so.1 ;;
+  armhf) triplet=arm-linux-gnueabihf loader=ld-linux-armhf.so.3 ;;
+  armel) triplet=arm-linux-gnueabi loader=ld-linux.so.3 ;;
+  *)
+    echo "error: which board? arm64, armhf or armel; see --help" >&2
+    exit 2
+    ;;
+esac
+build=${build:-build/board-$architecture}
+folder=$(realpath -m "${folder:-build/boards/$architecture}")
+if [[ ! -x "$build/pocket-ptam" ]]; then
+  echo "error: no program in $build. Presets: cmake --preset board-$architecture, cmake --build likewise" >&2
+  exit 1
+fi
+if [[ -e "$folder" && ! -e "$folder/lib/$loader" && -n "$(ls -A "$folder")" ]]; then
+  echo "error: $folder holds other things than a board's folder: name another --folder" >&2
+  exit 2
+fi
+sysroot=$(sed -n 's/^PPTAM_SYSROOT:.*=//p' "$build/CMakeCache.txt")
+libraries=$sysroot/usr/lib/$triplet
+if [[ ! -d "$libraries" ]]; then
+  echo "error: $build was not built for $architecture: its sysroot is ${sysroot:-not told}" >&2
+  exit 1
+fi
+
+# Filled under another name, so that a folder is whole or not there.
+mkdir -p "$(dirname "$folder")"
+part=$(mktemp -d "$folder.XXXXXX")
+trap 'rm -rf "$part"' EXIT
+chmod 755 "$part"
+mkdir "$part/bin" "$part/lib"
+cp "$build/pocket-ptam" "$part/bin"
+find "$build" -maxdepth 1 -name 'pocket-ptam-*.so' -exec cp -t "$part/lib" {} +  # modules, if there are any
+cp "$libraries"/gdk-pixbuf-2.0/*/loaders/*.so "$part/lib"  # decoders, found by name as the other libraries are
+sed -E 's#^"/.*/([^/]*\.so)"#"\1"#' "$libraries"/gdk-pixbuf-2.0/*/loaders.cache >"$part/lib/loaders.cache"
+
+needed=("$part/bin/pocket-ptam" "$part"/lib/*.so)
+while ((${#needed[@]} > 0)); do
+  names=$("$triplet-objdump" -p "${needed[@]}" | sed -n 's/^  NEEDED *//p' | sort -u)
+  needed=()
+  for name in $names; do
+    [[ -e "$part/lib/$name" ]] && continue
+    for place in "$libraries" "$sysroot/lib"; do
+      if [[ -e "$place/$name" ]]; then
+        cp -L "$place/$name" "$part/lib"
+        needed+=("$part/lib/$name")
+        continue 2
+      fi
+    done
+    echo "error: $name, which the program or a library needs, is not in $sysroot" >&2
+    exit 1
+  done
+done
+
+# What the program itself names, by the packages that have it.
+packages=$("$triplet-objdump" -p "$part/bin/pocket-ptam" | sed -n 's/^  NEEDED *//p' |
+  while read -r name; do sed -n "s/^$name //p" "$sysroot/.libraries"; done | sort -u | tr '\n' ' ')
+read -r suite _ <"$sysroot/.made_of"
+
+cat >"$part/pocket-ptam" <<RUN
+#!/bin/sh
+# Runs bin/pocket-ptam with the libraries beside it, not those of the system; on another processor by PPTAM_EMULATOR.
+here=\$(dirname "\$(readlink -f "\$0")")
+export GDK_PIXBUF_MODULE_FILE="\$here/lib/loaders.cache"
+exec \$PPTAM_EMULATOR "\$here/lib/$loader" --library-path "\$here/lib" "\$here/bin/pocket-ptam" "\$@"
+RUN
+chmod 755 "$part/pocket-ptam"
+rm -rf "$folder"
+mv "$part" "$folder"
+echo "$folder: $(du -sm "$folder" | cut -f 1) MB"
+echo "bin/pocket-ptam alone, on $suite, needs: $packages"
