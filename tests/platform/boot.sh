@@ -1,0 +1,160 @@
+#!/usr/bin/env bash
+# Boots one of Debian's kernels in an emulated computer with a small initramfs of our programs, runs a script there and
+# brings back its exit code and its files: how drivers are tested that the computer at hand may not have.
+# --help says how to run it.
+set -euo pipefail
+
+usage() {
+  cat <<'HELP'
+Usage: tests/platform/boot.sh [OPTIONS] --script FILE
+Boots Debian's kernel in qemu-system-x86_64 (without KVM: the same everywhere), loads modules, runs FILE by busybox's
+sh as root and prints what the serial console says. The exit code is the script's.
+  --suite NAME         Debian's suite of the kernel: bookworm (default), trixie
+  --module "NAME [PARAMETER=VALUE...]"   a kernel module to load at the start, with those it needs
+  --carry NAME         a module that is there for the script's `modprobe NAME`
+  --program FILE       goes to /bin, with the shared libraries that it needs
+  --file FILE[:PATH]   a file or folder goes to PATH, or by its own name into the script's folder /work;
+                       programs and modules with the shared libraries that they need
+  --root FOLDER        a whole user land, laid over everything else
+  --out DIR            what the script writes to /out is found there afterwards, and dmesg.txt
+  --memory MB          512 when not given
+  --timeout SECONDS    90 when not given
+The kernel is fetched once from Debian into build/drivers (100 MB to fetch, 0.5 GB on disk), by apt-get and without
+being root.
+Exit codes: 77 skipped, because a package or program could not be had; 124 time is over; 125 the computer ended without
+the script's exit code; 2 wrong options; else the script's own.
+Examples:
+  tests/platform/boot.sh --module "vivid n_devs=1" --program build/release/pocket-ptam --script guest.sh --out build/guest
+  echo 'ls /dev/video*' >guest.sh; tests/platform/boot.sh --module vivid --script guest.sh
+HELP
+}
+
+suite=bookworm memory=512 seconds=90 script="" out="" root="" modules=() carried=() files=()
+while (($# > 0)); do
+  case "$1" in
+    -h | --help) usage; exit 0 ;;
+    --suite | --module | --carry | --program | --file | --root | --out | --memory | --timeout | --script)
+      if (($# < 2)); then
+        echo "error: $1 needs a value; see --help" >&2
+        exit 2
+      fi
+      case "$1" in
+        --suite) suite=$2 ;;
+        --module) modules+=("$2") ;;
+        --carry) carried+=("$2") ;;
+        --program) files+=("$2:/bin/${2##*/}") ;;
+        --file) files+=("$2") ;;
+        --root) root=$2 ;;
+        --out) out=$2 ;;
+        --memory) memory=$2 ;;
+        --timeout) seconds=$2 ;;
+        --script) script=$2 ;;
+      esac
+      shift
+      ;;
+    *)
+      echo "error: unknown option $1; see --help" >&2
+      exit 2
+      ;;
+  esac
+  shift
+done
+if [[ ! -f "$script" ]]; then
+  echo "error: --script ${script:-is missing: it} must name a file that runs in the guest; see --help" >&2
+  exit 2
+fi
+for entry in "${files[@]}"; do
+  if [[ ! -e "${entry%%:*}" ]]; then
+    echo "error: there is no ${entry%%:*}" >&2
+    exit 2
+  fi
+done
+
+here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
+source "$here/guest_kernel.sh"
+need_commands qemu-system-x86_64:qemu-system-x86 modprobe:kmod cpio:cpio busybox:busybox-static ldd:libc-bin
+kernel=$(guest_kernel "$suite" amd64)
+release=$(ls "$kernel/lib/modules")
+
+scratch=$(mktemp -d)
+trap 'rm -rf "$scratch"' EXIT
+initramfs="$scratch/initramfs"
+mkdir -p "$initramfs"/{bin,dev,etc,proc,sys,tmp,work,out,"lib/modules/$release"}
+
+# The shared libraries of a program or module go where its loader looks for them: to the paths that they have here.
+copy_libraries() {
+  { ldd "$1" 2>/dev/null || true; } | sed -nE 's,^[^/]*(/[^ ]+).*,\1,p' | while read -r library; do
+    mkdir -p "$initramfs$(dirname "$library")"
+    cp -Lu "$library" "$initramfs$library"
+  done
+}
+
+for entry in "${files[@]}"; do
+  from=${entry%%:*} to=/work/${from##*/}
+  [[ "$entry" == *:* ]] && to=${entry#*:}
+  mkdir -p "$initramfs$(dirname "$to")"
+  cp -rL "$from" "$initramfs$to"
+  if [[ -f "$from" ]]; then
+    copy_libraries "$from"
+  fi
+done
+for name in "${modules[@]}" "${carried[@]}"; do
+  copy_modules "$kernel" "$release" "${name%% *}" "$initramfs"
+done
+depmod -b "$initramfs" "$release" 2>/dev/null  # without modules.order and modules.builtin, which it would like to have
+
+busybox=$(command -v busybox)
+cp -L "$busybox" "$initramfs/bin/busybox"
+copy_libraries "$busybox"  # none, when it is busybox-static's
+cp "$script" "$initramfs/script"
+{
+  cat <<'INIT'
+#!/bin/busybox sh
+/bin/busybox --install -s /bin
+mount -t proc proc /proc
+mount -t sysfs sysfs /sys
+mount -t devtmpfs devtmpfs /dev
+mkdir -p /dev/shm
+export PATH=/bin:/usr/bin:/sbin:/usr/sbin HOME=/work
+ip link set lo up 2>/dev/null
+INIT
+  for name in virtio_pci virtio_blk "${modules[@]}"; do
+    echo "modprobe $name || echo 'boot.sh: module $name cannot be loaded'"
+  done
+  cat <<'INIT'
+cd /work
+sh /script
+echo $? >/exit_code
+dmesg >/out/dmesg.txt
+tar -c -f /dev/vda -C / exit_code out || echo "boot.sh: /out cannot be brought back"
+sync
+reboot -f
+INIT
+} >"$initramfs/init"
+chmod +x "$initramfs/init"
+for name in virtio_pci virtio_blk; do
+  copy_modules "$kernel" "$release" "$name" "$initramfs"
+done
+depmod -b "$initramfs" "$release" 2>/dev/null
+[[ -n "$root" ]] && cp -a "$root/." "$initramfs/"
+(cd "$initramfs" && find . | cpio --quiet -o -H newc -R 0:0) >"$scratch/initramfs.cpio"
+truncate -s 1G "$scratch/disk"
+
+status=0
+timeout --foreground "$seconds" qemu-system-x86_64 -nodefaults -no-user-config -accel tcg -m "$memory" -display none \
+  -serial stdio -no-reboot -kernel "$kernel/vmlinuz" -initrd "$scratch/initramfs.cpio" \
+  -append "console=ttyS0 quiet loglevel=4 panic=-1 tsc=reliable" \
+  -drive "if=virtio,format=raw,file=$scratch/disk" </dev/null | tr -d '\r' || status=${PIPESTATUS[0]}
+if ((status == 124)); then
+  echo "boot.sh: not done after $seconds s" >&2
+  exit 124
+fi
+if ! tar -x -f "$scratch/disk" -C "$scratch" 2>/dev/null || [[ ! -f "$scratch/exit_code" ]]; then
+  echo "boot.sh: the guest ended without the script's exit code (qemu's: $status)" >&2
+  exit 125
+fi
+if [[ -n "$out" ]]; then
+  mkdir -p "$out"
+  cp -r "$scratch/out/." "$out/"
+fi
+exit "$(<"$scratch/exit_code")"
