@@ -3,6 +3,7 @@
 # brings back its exit code and its files: how drivers are tested that the computer at hand may not have.
 # --help says how to run it.
 set -euo pipefail
+shopt -s inherit_errexit
 
 usage() {
   cat <<'HELP'
@@ -142,7 +143,7 @@ truncate -s 1G "$scratch/disk"
 
 status=0
 timeout --foreground "$seconds" qemu-system-x86_64 -nodefaults -no-user-config -accel tcg -m "$memory" -display none \
-  -serial stdio -no-reboot -kernel "$kernel/vmlinuz" -initrd "$scratch/initramfs.cpio" \
+  -serial stdio -no-reboot -kernel "$kernel/vmlinux" -initrd "$scratch/initramfs.cpio" \
   -append "console=ttyS0 quiet loglevel=4 panic=-1 tsc=reliable" \
   -drive "if=virtio,format=raw,file=$scratch/disk" </dev/null | tr -d '\r' || status=${PIPESTATUS[0]}
 if ((status == 124)); then
