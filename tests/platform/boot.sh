@@ -99,10 +99,12 @@ for entry in "${files[@]}"; do
     copy_libraries "$from"
   fi
 done
-for name in "${modules[@]}" "${carried[@]}"; do
+disk_modules=(virtio_pci virtio_blk)
+for name in "${disk_modules[@]}" "${modules[@]}" "${carried[@]}"; do
   copy_modules "$kernel" "$release" "${name%% *}" "$initramfs"
 done
-depmod -b "$initramfs" "$release" 2>/dev/null  # without modules.order and modules.builtin, which it would like to have
+cp "$kernel/lib/modules/$release"/modules.{order,builtin,builtin.modinfo} "$initramfs/lib/modules/$release/"
+depmod -b "$initramfs" "$release"
 
 busybox=$(command -v busybox)
 cp -L "$busybox" "$initramfs/bin/busybox"
@@ -119,7 +121,7 @@ mkdir -p /dev/shm
 export PATH=/bin:/usr/bin:/sbin:/usr/sbin HOME=/work
 ip link set lo up 2>/dev/null
 INIT
-  for name in virtio_pci virtio_blk "${modules[@]}"; do
+  for name in "${disk_modules[@]}" "${modules[@]}"; do
     echo "modprobe $name || echo 'boot.sh: module $name cannot be loaded'"
   done
   cat <<'INIT'
@@ -133,10 +135,6 @@ reboot -f
 INIT
 } >"$initramfs/init"
 chmod +x "$initramfs/init"
-for name in virtio_pci virtio_blk; do
-  copy_modules "$kernel" "$release" "$name" "$initramfs"
-done
-depmod -b "$initramfs" "$release" 2>/dev/null
 [[ -n "$root" ]] && cp -a "$root/." "$initramfs/"
 (cd "$initramfs" && find . | cpio --quiet -o -H newc -R 0:0) >"$scratch/initramfs.cpio"
 truncate -s 1G "$scratch/disk"
