@@ -67,20 +67,28 @@ unpack_kernel() {
   return 1
 }
 
-# guest_kernel SUITE ARCHITECTURE [METAPACKAGE]: prints a folder with vmlinux and lib/modules.
+# guest_kernel SUITE ARCHITECTURE METAPACKAGE: prints a folder with vmlinux, or vmlinuz and dtb of a board, lib/modules, and
+# bin/busybox.
 guest_kernel() {
-  local suite=$1 architecture=$2 meta=${3:-linux-image-$2} folder package
+  local suite=$1 architecture=$2 meta=$3 folder package
   folder=$drivers_dir/kernel-$suite-$architecture
-  if [[ ! -e "$folder/vmlinux" ]]; then
+  if [[ ! -e "$folder/bin" ]]; then
     need_commands apt-get:apt dpkg-deb:dpkg
     mkdir -p "$drivers_dir"
     rm -rf "$folder.new" "$folder"
     private_apt "$suite" "$architecture" apt-get update >&2 || skip "Debian $suite's list of packages cannot be had"
     package=$(private_apt "$suite" "$architecture" apt-cache depends "$meta" | sed -nE '0,/Depends:/s/.*Depends: //p')
-    fetch_packages "$suite" "$architecture" "$folder.new" "${package:-$meta}" || skip "$package cannot be had"
-    [[ -d "$folder.new/lib/modules" ]] || mv "$folder.new/usr/lib" "$folder.new/lib"
+    fetch_packages "$suite" "$architecture" "$folder.new" "${package:-$meta}" busybox-static || skip "$package cannot be had"
+    if [[ "$architecture" == amd64 ]]; then
+      unpack_kernel "$folder.new"/boot/vmlinuz-* "$folder.new/vmlinux"
+    else
+      mv "$folder.new"/boot/vmlinuz-* "$folder.new/vmlinuz"
+      mv "$folder.new"/usr/lib/linux-image-*/*.dtb "$folder.new"
+    fi
+    mkdir -p "$folder.new"/{lib,bin}
+    [[ -d "$folder.new/lib/modules" ]] || mv "$folder.new/usr/lib/modules" "$folder.new/lib"
+    [[ -e "$folder.new/bin/busybox" ]] || mv "$folder.new/usr/bin/busybox" "$folder.new/bin"
     depmod -b "$folder.new" "$(ls "$folder.new/lib/modules")"
-    unpack_kernel "$folder.new"/boot/vmlinuz-* "$folder.new/vmlinux"
     rm -rf "$folder.new"/{boot,usr}
     mv "$folder.new" "$folder"
   fi
