@@ -82,12 +82,12 @@ case "$machine" in
   pc)
     need_commands qemu-system-x86_64:qemu-system-x86
     kernel=$(guest_kernel "$suite" amd64 linux-image-amd64)
-    disk=vda disk_modules=(virtio_pci virtio_blk)
+    disk=vda base_modules=(virtio_pci virtio_blk)
     ;;
   raspi0)
     need_commands qemu-system-arm:qemu-system-arm
     kernel=$(guest_kernel "$suite" armel linux-image-rpi)
-    disk=mmcblk0 disk_modules=()
+    disk=mmcblk0 base_modules=(bcm2835_rng)
     ;;
   *)
     echo "error: --machine $machine is neither pc nor raspi0" >&2
@@ -126,7 +126,7 @@ for entry in "${files[@]}"; do
     copy_libraries "$from"
   fi
 done
-for name in "${disk_modules[@]}" "${modules[@]}" "${carried[@]}"; do
+for name in "${base_modules[@]}" "${modules[@]}" "${carried[@]}"; do
   copy_modules "$kernel" "$release" "${name%% *}" "$initramfs"
 done
 cp "$kernel/lib/modules/$release"/modules.{order,builtin,builtin.modinfo} "$initramfs/lib/modules/$release/"
@@ -145,7 +145,7 @@ mkdir -p /dev/shm
 export PATH=/bin:/usr/bin:/sbin:/usr/sbin HOME=/work
 ip link set lo up 2>/dev/null
 INIT
-  for name in "${disk_modules[@]}" "${modules[@]}"; do
+  for name in "${base_modules[@]}" "${modules[@]}"; do
     echo "modprobe $name || echo 'boot.sh: module $name cannot be loaded'"
   done
   cat <<INIT
@@ -166,8 +166,8 @@ truncate -s 1G "$scratch/disk"
 arguments="quiet loglevel=4 panic=-1"
 computer=(-nodefaults -no-user-config -no-reboot -display none -serial stdio -initrd "$scratch/initramfs.cpio")
 case "$machine" in
-  pc)
-    computer=(qemu-system-x86_64 "${computer[@]}" -accel tcg -m "$memory" -kernel "$kernel/vmlinux"
+  pc)  # with rdrand, as without entropy a program that asks for random numbers waits for seconds
+    computer=(qemu-system-x86_64 "${computer[@]}" -accel tcg -cpu qemu64,+rdrand -m "$memory" -kernel "$kernel/vmlinux"
       -append "console=ttyS0 tsc=reliable $arguments" -drive "if=virtio,format=raw,file=$scratch/disk")
     ;;
   raspi0)  # the emulated board has no such power domains; and without -icount its timers run away from its processor

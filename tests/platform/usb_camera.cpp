@@ -4,7 +4,8 @@
 // It speaks USB Video Class 1.0 over a bulk endpoint (dummy_hcd has no isochronous ones): a camera terminal, a processing
 // unit, and one format (gadgetfs hands out 256 bytes of descriptors, which hold no more): YUYV, NV12, YU12 or GREY, in the
 // frames' size and in twice that with each pixel four times, which halves to the same pixels. Frames come from a file of raw grey images, one each 1/rate seconds from the moment the host
-// asks for the stream. Prints "frame N TIME_NS" (CLOCK_MONOTONIC, when its last byte was taken) and "set UNIT SELECTOR VALUE".
+// asks for the stream. Prints "plugged TIME_NS", "commit WIDTH", "frame N TIME_NS" (CLOCK_MONOTONIC, when its last byte was
+// taken) and "set UNIT SELECTOR VALUE".
 #include <algorithm>
 #include <atomic>
 #include <cstdint>
@@ -12,6 +13,7 @@
 #include <cstdlib>
 #include <cstring>
 #include <ctime>
+#include <filesystem>
 #include <fstream>
 #include <iterator>
 #include <string>
@@ -171,14 +173,14 @@ Bytes device_descriptor() {
 }
 
 // One frame of the file in the size that the host chose; chroma is grey.
-Bytes image(int scale, const uint8_t* grey) {
+Bytes image(int scale, const Bytes& grey) {
   const int width = settings.width * scale, height = settings.height * scale;
   const bool yuyv = settings.format->bits_per_pixel == 16;
   Bytes all(frame_bytes(scale), 128);
   for (int y = 0; y < height; ++y) {
     for (int x = 0; x < width; ++x) {
       const size_t at = static_cast<size_t>(y) * static_cast<size_t>(width) + static_cast<size_t>(x);
-      all[yuyv ? 2 * at : at] = grey[(y / scale) * settings.width + x / scale];
+      all[yuyv ? 2 * at : at] = grey[static_cast<size_t>((y / scale) * settings.width + x / scale)];
     }
   }
   return all;
@@ -200,19 +202,21 @@ void send(int endpoint, const Bytes& frame, bool broken, bool* toggle) {
 }
 
 [[noreturn]] void stream(int endpoint) {
-  std::ifstream file(settings.frames, std::ios::binary);
-  const Bytes frames((std::istreambuf_iterator<char>(file)), std::istreambuf_iterator<char>());
   const auto size = static_cast<long>(settings.width) * settings.height;
-  const long there = static_cast<long>(frames.size()) / size - settings.first;
+  const long there = static_cast<long>(std::filesystem::file_size(settings.frames)) / size - settings.first;
   const long count = settings.count < 0 ? there : std::min(there, settings.count);
+  std::ifstream file(settings.frames, std::ios::binary);
+  file.seekg(settings.first * size);
+  Bytes grey(static_cast<size_t>(size));
   while (commits == 0) usleep(1000);
   bool toggle = false;
   int64_t due_ns = now_ns();
   for (long i = 0; i < count; ++i) {
     due_ns = std::max(due_ns + static_cast<int64_t>(1e9 / settings.rate_hz), now_ns());
     while (now_ns() < due_ns) usleep(500);
+    file.read(reinterpret_cast<char*>(grey.data()), size);
     const bool broken = settings.broken_every > 0 && (i + 1) % settings.broken_every == 0;
-    send(endpoint, image(committed, &frames[static_cast<size_t>((settings.first + i) * size)]), broken, &toggle);
+    send(endpoint, image(committed, grey), broken, &toggle);
     std::printf("frame %ld %lld%s\n", settings.first + i, static_cast<long long>(now_ns()), broken ? " broken" : "");
     std::fflush(stdout);
   }
@@ -371,6 +375,8 @@ int main(int count, char** words) {
   append(&descriptors, configuration_descriptor(true));
   append(&descriptors, device_descriptor());
   if (write(device, descriptors.data(), descriptors.size()) < 0) fail("descriptors");
+  std::printf("plugged %lld\n", static_cast<long long>(now_ns()));
+  std::fflush(stdout);
   for (;;) {
     usb_gadgetfs_event event{};
     if (read(device, &event, sizeof event) < static_cast<ssize_t>(sizeof event)) fail("events");
