@@ -230,6 +230,7 @@ class V4l2Device : public CameraDevice {
   bool can_lock_ = false;
   bool streaming_ = false;
   std::vector<Buffer> buffers_;
+  std::vector<int> refused_;  // buffers that could not be given back, to be tried again
   std::string clock_;
 };
 
@@ -348,6 +349,7 @@ void V4l2Device::map_buffers() {
 void V4l2Device::unmap_buffers() noexcept {
   for (const Buffer& buffer : buffers_) calls_.munmap(buffer.data, buffer.bytes);
   buffers_.clear();
+  refused_.clear();
   if (node_->fd() < 0) return;
   v4l2_requestbuffers none = {};
   none.type = kCapture;
@@ -388,6 +390,7 @@ CameraDevice::Wake V4l2Device::wait(int64_t deadline_ns) {
 }
 
 bool V4l2Device::take(DeviceFrame* frame) {
+  if (!refused_.empty()) give_back(refused_.back());
   v4l2_buffer buffer = {};
   buffer.type = kCapture;
   buffer.memory = V4L2_MEMORY_MMAP;
@@ -429,7 +432,10 @@ void V4l2Device::give_back(int index) {
   buffer.index = static_cast<uint32_t>(index);
   buffer.type = kCapture;
   buffer.memory = V4L2_MEMORY_MMAP;
-  node_->ioctl(VIDIOC_QBUF, &buffer, "giving a buffer back");
+  std::erase(refused_, index);
+  if (node_->try_ioctl(VIDIOC_QBUF, &buffer)) return;
+  if (errno == ENODEV || !streaming_) node_->fail("giving a buffer back");
+  refused_.push_back(index);
 }
 
 // The node may have got another number: what was where in the machine tells, then the name. The path as the user gave
