@@ -28,8 +28,8 @@ namespace {
 
 namespace lc = libcamera;
 
-constexpr unsigned kBuffers = 4;    // one is tracked, the others are being filled
-constexpr int kLeastSide = 64;      // pixels, as System's
+constexpr unsigned kBuffers = 4;  // one is tracked, the others are being filled
+constexpr int kLeastSide = 64;    // pixels, as System's
 constexpr int kMostSide = 8192;
 
 struct Format {
@@ -80,7 +80,8 @@ std::string model_of(const lc::Camera& camera) {
 
 std::vector<CameraMode> modes_of(lc::Camera& camera) {
   std::vector<CameraMode> modes;
-  const std::unique_ptr<lc::CameraConfiguration> configuration = camera.generateConfiguration({lc::StreamRole::Viewfinder});
+  const std::unique_ptr<lc::CameraConfiguration> configuration =
+      camera.generateConfiguration({lc::StreamRole::Viewfinder});
   if (configuration == nullptr || configuration->empty()) return modes;
   const lc::StreamFormats& formats = configuration->at(0).formats();
   for (const lc::PixelFormat& pixels : formats.pixelformats()) {
@@ -120,7 +121,8 @@ class LibcameraDevice : public CameraDevice {
     acquire(cameras[index]);
     description_ = describe_camera(*camera_, index);
     if (description_.modes.empty())
-      throw InputError("camera " + description_.address + " offers none of the formats R8, NV12, YUV420, YUYV and MJPEG");
+      throw InputError("camera " + description_.address +
+                       " offers none of the formats R8, NV12, YUV420, YUYV and MJPEG");
   }
   ~LibcameraDevice() override {
     release();
@@ -161,8 +163,8 @@ class LibcameraDevice : public CameraDevice {
   std::map<const lc::FrameBuffer*, std::pair<void*, size_t>> mapped_;
   CameraRequest request_;
   const Format* format_ = nullptr;
-  lc::ControlList sent_;   // all that was set since the start, for a camera that comes back
-  lc::ControlList fresh_;  // not sent yet
+  lc::ControlList sent_;                // all that was set since the start, for a camera that comes back
+  lc::ControlList fresh_;               // not sent yet
   std::optional<int32_t> exposure_us_;  // of the last frame
   std::optional<float> gain_, lens_;
   std::optional<std::array<float, 2>> colours_;
@@ -276,8 +278,9 @@ Configuration LibcameraDevice::configure(const CameraRequest& wanted) {
       (wanted.height > 0 && wanted.height != result.mode.height) ||
       (!wanted.format.empty() && wanted.format != given->name)) {
     result.answer = ConfigurationAnswer::kAdjusted;
-    result.text = description_.address + format(": %dx%d %s became %dx%d %s", wanted.width, wanted.height,
-                                                wanted.format.c_str(), result.mode.width, result.mode.height, given->name);
+    result.text =
+        description_.address + format(": %dx%d %s became %dx%d %s", wanted.width, wanted.height, wanted.format.c_str(),
+                                      result.mode.width, result.mode.height, given->name);
   }
   return result;
 }
