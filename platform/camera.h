@@ -1,19 +1,9 @@
 // What every source of images implements: recorded sequences, real cameras and the emulated phone.
 //
-//              configure()                        wait(): kFrame, kTimeout
-//                 ┌──┐                                   ┌──┐
-//                 ▼  │          start()                  ▼  │   wait(): kUnplugged   ┌───────────┐
-//   opened ──▶  ready ─────────────────────────────▶ streaming ──────────────────────▶ unplugged │──┐ wait(): kTimeout,
-//                 ▲                                   │  │  ▲    wait(): kReplugged  └───────────┘◀─┘ tries again
-//                 └───────────────── stop() ──────────┘  │  └──────────────────────────────┘ │
-//                 ▲                                      ▼ wait(): kEnd (files)              │
-//                 │                                     end                                  │
-//                 └───────────────────────────────── stop() ─────────────────────────────────┘
-//
-// Errors are InputErrors of one line that say what to do. They are thrown while opening, by configure() (kInvalid is
-// for what can be asked again otherwise) and by start(); a source of files that breaks throws from wait(), and frames
-// delivered so far remain good. A device that fails while it streams is kUnplugged, with the reason in
-// CameraStatus::trouble: it is looked for until it is there again.
+// platform/README.md draws its states: opened, ready, streaming, unplugged, end. Errors are InputErrors of one line
+// that say what to do. They are thrown while opening, by configure() and by start(); a source of files that breaks
+// throws from wait(), and frames delivered so far remain good. A device that fails while it streams is kUnplugged, with
+// the reason in CameraStatus::trouble: it is looked for until it is there again.
 #pragma once
 
 #include <cstdint>

@@ -103,10 +103,11 @@ LiveKey key_of(char character) {
   }
 }
 
-// What a person sees on stderr: one line that changes on a terminal, elsewhere a line for each change of state.
+// What a person sees on stderr: one line that changes on a terminal, elsewhere, and where poses run through the
+// terminal, a line for each change of state.
 class StatusLine {
  public:
-  StatusLine() : terminal_(::isatty(STDERR_FILENO) != 0) {}
+  explicit StatusLine(bool poses_on_terminal) : terminal_(!poses_on_terminal && ::isatty(STDERR_FILENO) != 0) {}
 
   void say(const std::string& text) {
     progress_.finish();
@@ -168,7 +169,9 @@ class StandardOutput {
 class LiveSession {
  public:
   LiveSession(const LiveChoice& chosen, std::string command_line)
-      : chosen_(chosen), command_line_(std::move(command_line)) {}
+      : chosen_(chosen),
+        command_line_(std::move(command_line)),
+        status_(chosen.poses != "none" && chosen.to.empty() && chosen.udp == 0 && ::isatty(output_.poses()) != 0) {}
 
   int run() {
     check();
@@ -189,9 +192,8 @@ class LiveSession {
     if (!chosen_.output.out.empty()) {
       OutputOptions output = chosen_.output;
       output.no_progress = true;
-      const int code =
-          run_and_write(camera->info().name, camera->ground_truth(), runner, chosen_.live.run, output, knowledge,
-                        command_line_);
+      const int code = run_and_write(camera->info().name, camera->ground_truth(), runner, chosen_.live.run, output,
+                                     knowledge, command_line_);
       return finish(code == kExitOk);
     }
     const RunLog log = runner([](const CameraInfo&) {}, {});
@@ -307,7 +309,8 @@ void add_live_options(CLI::App* live, LiveChoice* chosen) {
   live->add_option("--udp", chosen->udp, "Send the lines to this UDP port of 127.0.0.1, and nowhere else")
       ->check(CLI::Range(1, 65535))
       ->type_name("PORT");
-  live->add_flag("--no-auto-start", chosen->no_auto_start, "Start when t is pressed, not when the camera is held still");
+  live->add_flag("--no-auto-start", chosen->no_auto_start,
+                 "Start when t is pressed, not when the camera is held still");
   live->add_option("--plane-distance", run.plane_distance,
                    "Of the first view from the dominant plane, in any unit: sets the map's scale")
       ->check(CLI::Range(0.001, 1000.0))

@@ -1,4 +1,5 @@
-// pocket-ptam: tracks and maps a recorded, an emulated or a live sequence, and judges the result. Here the command is chosen.
+// pocket-ptam: tracks and maps a recorded, an emulated or a live sequence, and judges the result. Here the command is
+// chosen.
 
 #include <fcntl.h>
 #include <poll.h>
@@ -56,8 +57,13 @@ int run_program(int argc, char** argv) {
       "written; 2 bad input: nothing was done. The first Ctrl-C (SIGINT, SIGTERM, SIGHUP) ends a run like a recording\n"
       "that breaks off, the second ends the program at once.");
   const std::string command_line = command_of(argc, argv);
-  const std::vector<Command> commands = {add_sim(app, command_line), add_replay(app, command_line), add_live(app, command_line),
-                                         add_cameras(app), add_readout(app), add_eval(app), add_map(app)};
+  const std::vector<Command> commands = {add_sim(app, command_line),
+                                         add_replay(app, command_line),
+                                         add_live(app, command_line),
+                                         add_cameras(app),
+                                         add_readout(app),
+                                         add_eval(app),
+                                         add_map(app)};
 
   try {
     app.parse(argc, argv);

@@ -67,10 +67,10 @@ void meet_map(const std::string& map_file, RecordingOptions* recording, std::vec
 int repeat_live(const ReplayChoice& chosen, const std::string& command_line) {
   const RecordingInput& input = chosen.input;
   const RunOptions& run = chosen.run;
-  if (!input.calibration.empty() || input.options.fov_degrees != 0 || !input.resize.empty() || input.options.every != 1 ||
-      input.options.fps != 0 || input.options.rotate_degrees != 0 || !chosen.readout.empty() || !run.taps_s.empty() ||
-      run.auto_start || run.plane_distance != 0 || run.max_keyframes || run.max_erased_keyframes ||
-      !run.steady_damping || !run.load_map.empty() || run.lock_map) {
+  if (!input.calibration.empty() || input.options.fov_degrees != 0 || !input.resize.empty() ||
+      input.options.every != 1 || input.options.fps != 0 || input.options.rotate_degrees != 0 ||
+      !chosen.readout.empty() || !run.taps_s.empty() || run.auto_start || run.plane_distance != 0 ||
+      run.max_keyframes || run.max_erased_keyframes || !run.steady_damping || !run.load_map.empty() || run.lock_map) {
     throw InputError("recording " + input.source + " repeats what was done live, bit for bit: camera, taps and maps " +
                      "are in it; with other ones add --images-only");
   }

@@ -132,8 +132,8 @@ RunLog run_and_show(const Runner& runner, const OutputOptions& output, const Out
         if (*show) (*show)->add(frame, result, entry);
         if (!output.no_progress)
           progress.show(so_far.source_frames, so_far.camera.frame_count.value_or(0),
-                      format("%.1f s  %s, %d keyframes, %d points", so_far.seconds(entry.timestamp_ns),
-                             name_of(entry.state), entry.keyframes, entry.map_points));
+                        format("%.1f s  %s, %d keyframes, %d points", so_far.seconds(entry.timestamp_ns),
+                               name_of(entry.state), entry.keyframes, entry.map_points));
       });
   progress.finish();
   return log;
@@ -269,12 +269,10 @@ int run_and_write(platform::Camera& camera, const RunOptions& run_options, const
   return run_and_write(camera.info().name, camera.ground_truth(), runner, run_options, output, knowledge, command_line);
 }
 
-int run_and_write(const std::string& name, const Trajectory& truth, const Runner& runner,
-                  const RunOptions& run_options, const OutputOptions& output, const Knowledge& knowledge,
-                  const std::string& command_line) {
-  const std::filesystem::path place = output.out.empty()
-                                          ? std::filesystem::path("out") / folder_name(name)
-                                          : std::filesystem::path(output.out);
+int run_and_write(const std::string& name, const Trajectory& truth, const Runner& runner, const RunOptions& run_options,
+                  const OutputOptions& output, const Knowledge& knowledge, const std::string& command_line) {
+  const std::filesystem::path place =
+      output.out.empty() ? std::filesystem::path("out") / folder_name(name) : std::filesystem::path(output.out);
   OutputFolder folder = check_folder(run_options, place, knowledge);
   check_map(run_options, output, place, knowledge);
   std::vector<std::string> warnings;  // to be printed
@@ -311,7 +309,8 @@ int run_and_write(const std::string& name, const Trajectory& truth, const Runner
   if (!log.broken.empty())
     print_error(log.broken + "; what came before it was tracked" + (writing.any_failed() ? "" : " and written"));
   if (!log.differs.empty()) print_error(log.differs);
-  return log.broken.empty() && log.differs.empty() && log.save_trouble.empty() && !writing.any_failed() ? kExitOk : kExitBroken;
+  return log.broken.empty() && log.differs.empty() && log.save_trouble.empty() && !writing.any_failed() ? kExitOk
+                                                                                                        : kExitBroken;
 }
 
 }  // namespace pptam::app

@@ -77,10 +77,10 @@ class CameraDevice {
 
   // Holds exposure, gain, white balance and focus as they are now; a line for each about what was locked and what not.
   virtual std::vector<std::string> lock(const SensorRequest& request) = 0;
-  virtual bool can_lock() const = 0;        // there is something to lock, and hence to wait for
-  virtual double exposure_s() const = 0;    // as locked; 0: unknown
-  virtual std::string clock() const = 0;    // what its times are: "kernel, end of frame"
-  virtual int64_t now_ns() const = 0;       // CLOCK_MONOTONIC
+  virtual bool can_lock() const = 0;      // there is something to lock, and hence to wait for
+  virtual double exposure_s() const = 0;  // as locked; 0: unknown
+  virtual std::string clock() const = 0;  // what its times are: "kernel, end of frame"
+  virtual int64_t now_ns() const = 0;     // CLOCK_MONOTONIC
 };
 
 }  // namespace pptam::platform

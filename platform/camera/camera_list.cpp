@@ -72,8 +72,8 @@ CameraList list_cameras() {
     if (fd >= 0) {
       calls.close(fd);
     } else if (errno == EACCES) {
-      list.remarks.push_back(node + ": permission denied: add yourself to the group video (adduser $USER video) and log " +
-                             "in again");
+      list.remarks.push_back(
+          node + ": permission denied: add yourself to the group video (adduser $USER video) and log " + "in again");
     }
   }
   return list;

@@ -125,6 +125,7 @@ class DeviceCamera : public Camera {
   Configuration set_up(const CameraRequest& wanted, std::vector<std::string>* warnings);
   void make_info(const CameraMode& mode, std::vector<std::string>* warnings);
   void lock();
+  void adopt_readout(double readout_s);
   bool take_newest();
   bool use(const DeviceFrame& raw, Frame* frame);
   CameraEvent lose(const std::string& why);
@@ -142,6 +143,7 @@ class DeviceCamera : public Camera {
   DeviceFrame held_;  // buffer -1: none
   bool locked_ = false;
   double readout_s_ = 0;  // of the device's whole image, not signed
+  int source_height_ = 0;
   int64_t settle_until_ns_ = 0;
   int64_t heard_ns_ = 0;  // when the last usable frame came
   int64_t look_ns_ = 0;   // when a device that has gone is looked for again
@@ -210,6 +212,7 @@ void DeviceCamera::make_info(const CameraMode& mode, std::vector<std::string>* w
   shutter.axis = rows ? RollingShutter::Axis::kRows : RollingShutter::Axis::kColumns;
   shutter.line_time_s = static_cast<float>(readout_s / (rows ? mode.height : mode.width));
   readout_s_ = std::abs(readout_s);
+  source_height_ = mode.height;
   info_.shutter = reduction_->shutter(shutter);
   info_.exposure_s = static_cast<float>(options_.sensor.exposure_s);
   if (info_.exposure_s == 0) info_.exposure_s = calibration.exposure_s;
@@ -221,6 +224,14 @@ void DeviceCamera::lock() {
   status_.locks = device_->lock(options_.sensor);
   locked_ = true;
   if (device_->exposure_s() > 0) info_.exposure_s = static_cast<float>(device_->exposure_s());
+}
+
+// As the device reports it, when nobody has said it.
+void DeviceCamera::adopt_readout(double readout_s) {
+  if (readout_s <= 0 || readout_s_ > 0) return;
+  readout_s_ = readout_s;
+  info_.shutter =
+      reduction_->shutter({RollingShutter::Axis::kRows, static_cast<float>(readout_s / std::max(1, source_height_))});
 }
 
 bool DeviceCamera::broken(const std::string& why) {
@@ -254,6 +265,7 @@ bool DeviceCamera::take_newest() {
 bool DeviceCamera::use(const DeviceFrame& raw, Frame* frame) {
   GreyView view;
   if (!luminance_.read(raw, &view)) return broken(luminance_.trouble());
+  if (state_ == State::kStarting) adopt_readout(raw.readout_s);
   view = reduction_->apply(view);
   const double exposure_s = raw.exposure_s > 0 ? raw.exposure_s : static_cast<double>(info_.exposure_s);
   const double readout_s = readout_s_ > 0 ? readout_s_ : raw.readout_s;
@@ -308,7 +320,6 @@ CameraEvent DeviceCamera::wait(Frame* frame, int64_t deadline_ns) {
     for (;;) {
       if (take_newest()) {
         const int64_t now_ns = device_->now_ns();
-        const bool settling = state_ != State::kReturning && !locked_ && now_ns < settle_until_ns_;
         if (use(held_, frame)) {
           heard_ns_ = now_ns;
           if (state_ == State::kReturning) {
@@ -317,13 +328,16 @@ CameraEvent DeviceCamera::wait(Frame* frame, int64_t deadline_ns) {
             return CameraEvent::kReplugged;
           }
           state_ = State::kStreaming;
-          if (!settling && !locked_) lock();  // from the next frame on
-          if (!settling) {
+          if (locked_) {
             ++status_.frames;
             return CameraEvent::kFrame;
           }
         }
         give_back();
+        if (!locked_ && now_ns >= settle_until_ns_) {
+          lock();  // frames from now on are as they will be
+          heard_ns_ = device_->now_ns();
+        }
         continue;
       }
       const int64_t now_ns = device_->now_ns();
@@ -346,12 +360,13 @@ std::vector<std::string> DeviceCamera::remarks() const {
   std::vector<std::string> lines;
   const std::string& name = description_.address;
   if (status_.broken > 0)
-    lines.push_back(name + format(": %lld broken frames were left out, the last one because of: ",
-                                  static_cast<long long>(status_.broken)) +
+    lines.push_back(name +
+                    format(": %lld broken frames were left out, the last one because of: ",
+                           static_cast<long long>(status_.broken)) +
                     last_broken_);
   if (status_.missed > 0)
-    lines.push_back(name + format(": %lld frames are missing in the driver's numbers",
-                                  static_cast<long long>(status_.missed)));
+    lines.push_back(
+        name + format(": %lld frames are missing in the driver's numbers", static_cast<long long>(status_.missed)));
   return lines;
 }
 

@@ -19,8 +19,8 @@ class ImageReduction {
   int cropped_width() const { return crop_width_; }  // of the source
   int cropped_height() const { return crop_height_; }
 
-  CameraModel model(const CameraModel& source) const;                // of the tracked images, from the source's
-  CameraModel model_of_cropped(const CameraModel& cropped) const;    // likewise, from the middle's
+  CameraModel model(const CameraModel& source) const;              // of the tracked images, from the source's
+  CameraModel model_of_cropped(const CameraModel& cropped) const;  // likewise, from the middle's
   RollingShutter shutter(const RollingShutter& source) const;
   GreyView apply(const GreyView& image);  // valid until the next call, and as long as the image
 

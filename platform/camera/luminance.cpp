@@ -1,11 +1,11 @@
 #include "platform/camera/luminance.h"
 
+#include <jerror.h>
+#include <jpeglib.h>
+
 #include <csetjmp>
 #include <cstddef>
 #include <cstdio>  // jpeglib.h needs it
-
-#include <jerror.h>
-#include <jpeglib.h>
 
 namespace pptam::platform {
 namespace {

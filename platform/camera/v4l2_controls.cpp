@@ -37,7 +37,8 @@ bool V4l2Controls::set(int fd, uint32_t id, int32_t value) {
   control.id = id;
   control.value = value;
   if (calls_.ioctl(fd, VIDIOC_S_CTRL, &control) != 0) return false;
-  const bool first = std::none_of(before_.begin(), before_.end(), [id](const auto& entry) { return entry.first == id; });
+  const bool first =
+      std::none_of(before_.begin(), before_.end(), [id](const auto& entry) { return entry.first == id; });
   if (known && first) before_.emplace_back(id, old);
   return true;
 }
@@ -95,14 +96,14 @@ std::vector<std::string> V4l2Controls::lock(int fd, const SensorRequest& request
   std::vector<std::string> lines;
   lines.push_back(lock_exposure(fd, request.exposure_s));
   lines.push_back(lock_value(fd, "gain", V4L2_CID_AUTOGAIN, 0, V4L2_CID_GAIN));
-  lines.push_back(
-      lock_value(fd, "white balance", V4L2_CID_AUTO_WHITE_BALANCE, 0, V4L2_CID_WHITE_BALANCE_TEMPERATURE));
+  lines.push_back(lock_value(fd, "white balance", V4L2_CID_AUTO_WHITE_BALANCE, 0, V4L2_CID_WHITE_BALANCE_TEMPERATURE));
   lines.push_back(lock_value(fd, "focus", V4L2_CID_FOCUS_AUTO, 0, V4L2_CID_FOCUS_ABSOLUTE));
   if (request.mains_hz == 0) {
     lines.push_back("power-line filter: as it was, give --mains 50 or 60");
     return lines;
   }
-  const int32_t filter = request.mains_hz == 50 ? V4L2_CID_POWER_LINE_FREQUENCY_50HZ : V4L2_CID_POWER_LINE_FREQUENCY_60HZ;
+  const int32_t filter =
+      request.mains_hz == 50 ? V4L2_CID_POWER_LINE_FREQUENCY_50HZ : V4L2_CID_POWER_LINE_FREQUENCY_60HZ;
   const bool there = exists(fd, V4L2_CID_POWER_LINE_FREQUENCY);
   if (there && set(fd, V4L2_CID_POWER_LINE_FREQUENCY, filter)) {
     lines.push_back(format("power-line filter: %d Hz", request.mains_hz));

@@ -21,8 +21,8 @@ class V4l2Controls {
   std::vector<std::string> lock(int fd, const SensorRequest& request);
   // As they were found.
   void restore(int fd);
-  bool has_automatic(int fd);                         // exposure or gain that adjusts itself now
-  double exposure_s() const { return exposure_s_; }   // as locked; 0: unknown
+  bool has_automatic(int fd);                        // exposure or gain that adjusts itself now
+  double exposure_s() const { return exposure_s_; }  // as locked; 0: unknown
 
  private:
   bool exists(int fd, uint32_t id);

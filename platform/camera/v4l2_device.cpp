@@ -15,10 +15,10 @@
 namespace pptam::platform {
 namespace {
 
-constexpr uint32_t kBuffers = 4;       // one is tracked, one is filled; what has come meanwhile lies in the others
-constexpr int kMostEntries = 256;      // of a driver's list: none is as long
-constexpr int kMostSide = 8192;        // pixels
-constexpr int kLeastSide = 64;         // pixels, as System's
+constexpr uint32_t kBuffers = 4;   // one is tracked, one is filled; what has come meanwhile lies in the others
+constexpr int kMostEntries = 256;  // of a driver's list: none is as long
+constexpr int kMostSide = 8192;    // pixels
+constexpr int kLeastSide = 64;     // pixels, as System's
 constexpr uint32_t kCapture = V4L2_BUF_TYPE_VIDEO_CAPTURE;
 
 struct Format {
@@ -26,12 +26,10 @@ struct Format {
   const char* name;
   PixelLayout layout;
 };
-constexpr Format kFormats[] = {{V4L2_PIX_FMT_GREY, "GREY", PixelLayout::kGrey},
-                               {V4L2_PIX_FMT_NV12, "NV12", PixelLayout::kGrey},
-                               {V4L2_PIX_FMT_YUV420, "YU12", PixelLayout::kGrey},
-                               {V4L2_PIX_FMT_YUYV, "YUYV", PixelLayout::kYuyv},
-                               {V4L2_PIX_FMT_MJPEG, "MJPG", PixelLayout::kMjpeg},
-                               {V4L2_PIX_FMT_JPEG, "JPEG", PixelLayout::kMjpeg}};
+constexpr Format kFormats[] = {
+    {V4L2_PIX_FMT_GREY, "GREY", PixelLayout::kGrey},   {V4L2_PIX_FMT_NV12, "NV12", PixelLayout::kGrey},
+    {V4L2_PIX_FMT_YUV420, "YU12", PixelLayout::kGrey}, {V4L2_PIX_FMT_YUYV, "YUYV", PixelLayout::kYuyv},
+    {V4L2_PIX_FMT_MJPEG, "MJPG", PixelLayout::kMjpeg}, {V4L2_PIX_FMT_JPEG, "JPEG", PixelLayout::kMjpeg}};
 
 const Format* format_of(uint32_t fourcc) {
   for (const Format& known : kFormats) {
@@ -152,7 +150,8 @@ void add_modes(const Node& node, const Format& known, std::vector<CameraMode>* m
   if (entry.index > 0) return;
   v4l2_format now = {};  // a driver that does not list sizes has one
   now.type = kCapture;
-  if (node.try_ioctl(VIDIOC_G_FMT, &now)) add(static_cast<int>(now.fmt.pix.width), static_cast<int>(now.fmt.pix.height));
+  if (node.try_ioctl(VIDIOC_G_FMT, &now))
+    add(static_cast<int>(now.fmt.pix.width), static_cast<int>(now.fmt.pix.height));
 }
 
 // False: it does not capture single-planar video by streaming; why says so. driver_only: nothing but names is asked.
@@ -230,6 +229,7 @@ class V4l2Device : public CameraDevice {
   bool can_lock_ = false;
   bool streaming_ = false;
   std::vector<Buffer> buffers_;
+  std::vector<int> refused_;  // buffers that could not be given back, to be tried again
   std::string clock_;
 };
 
@@ -240,7 +240,8 @@ void V4l2Device::open() {
     if (error == ENOENT || error == ENXIO || error == ENODEV)
       throw InputError("camera " + path + ": there is no such device; pocket-ptam cameras lists those that there are");
     if (error == EACCES)
-      throw InputError("camera " + path + ": permission denied: add yourself to the group video (adduser $USER video) " +
+      throw InputError("camera " + path +
+                       ": permission denied: add yourself to the group video (adduser $USER video) " +
                        "and log in again");
     throw InputError("camera " + path + ": " + std::strerror(error));
   }
@@ -249,7 +250,8 @@ void V4l2Device::open() {
   if (!describe_node(*node_, &description_, &bus_, &why, true))
     throw InputError("camera " + path + " " + why + "; pocket-ptam cameras lists those that do");
   if (description_.modes.empty())
-    throw InputError("camera " + path + " offers none of the formats GREY, NV12, YU12, YUYV and MJPG; a sensor with raw " +
+    throw InputError("camera " + path +
+                     " offers none of the formats GREY, NV12, YU12, YUYV and MJPG; a sensor with raw " +
                      "images needs libcamera: try --camera libcamera:0");
   can_lock_ = controls_.has_automatic(node_->fd());
 }
@@ -293,8 +295,8 @@ Configuration V4l2Device::configure(const CameraRequest& wanted) {
   };
   if (!node_->try_ioctl(VIDIOC_S_FMT, &asked)) {
     if (errno == EBUSY || errno == ENODEV) node_->fail("setting its format");
-    return invalid(format("%dx%d %s is refused: %s", wanted.width, wanted.height, wanted.format.c_str(),
-                          std::strerror(errno)));
+    return invalid(
+        format("%dx%d %s is refused: %s", wanted.width, wanted.height, wanted.format.c_str(), std::strerror(errno)));
   }
   const Format* given = format_of(pix.pixelformat);
   if (given == nullptr) return invalid("its format is " + fourcc_text(pix.pixelformat) + ", which cannot be read");
@@ -348,6 +350,7 @@ void V4l2Device::map_buffers() {
 void V4l2Device::unmap_buffers() noexcept {
   for (const Buffer& buffer : buffers_) calls_.munmap(buffer.data, buffer.bytes);
   buffers_.clear();
+  refused_.clear();
   if (node_->fd() < 0) return;
   v4l2_requestbuffers none = {};
   none.type = kCapture;
@@ -388,6 +391,7 @@ CameraDevice::Wake V4l2Device::wait(int64_t deadline_ns) {
 }
 
 bool V4l2Device::take(DeviceFrame* frame) {
+  if (!refused_.empty()) give_back(refused_.back());
   v4l2_buffer buffer = {};
   buffer.type = kCapture;
   buffer.memory = V4L2_MEMORY_MMAP;
@@ -429,7 +433,10 @@ void V4l2Device::give_back(int index) {
   buffer.index = static_cast<uint32_t>(index);
   buffer.type = kCapture;
   buffer.memory = V4L2_MEMORY_MMAP;
-  node_->ioctl(VIDIOC_QBUF, &buffer, "giving a buffer back");
+  std::erase(refused_, index);
+  if (node_->try_ioctl(VIDIOC_QBUF, &buffer)) return;
+  if (errno == ENODEV || !streaming_) node_->fail("giving a buffer back");
+  refused_.push_back(index);
 }
 
 // The node may have got another number: what was where in the machine tells, then the name. The path as the user gave

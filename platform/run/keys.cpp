@@ -9,7 +9,7 @@
 namespace pptam::platform {
 namespace {
 
-termios terminal_before;                        // for a signal's handler
+termios terminal_before;  // for a signal's handler
 volatile std::sig_atomic_t terminal_changed = 0;
 
 }  // namespace

@@ -15,8 +15,8 @@
 namespace pptam::platform {
 namespace {
 
-constexpr int64_t kLook_ns = 50'000'000;             // between two looks at keys and signals while nothing happens
-constexpr int64_t kFirstFrame_ns = 10'000'000'000;   // for a camera that is not there yet, or takes its time
+constexpr int64_t kLook_ns = 50'000'000;            // between two looks at keys and signals while nothing happens
+constexpr int64_t kFirstFrame_ns = 10'000'000'000;  // for a camera that is not there yet, or takes its time
 
 class LiveRun {
  public:

@@ -63,10 +63,10 @@ struct LiveObserver {
   std::function<LiveKey()> key;  // asked between slices and frames; does not wait
   // At once after a frame was tracked: its line is to be written. False: nobody reads any more, which ends the run.
   std::function<bool(const TrackResult&, int64_t arrived_ns)> on_result;
-  FrameObserver on_frame;                                      // afterwards, with keep_frames
-  std::function<void(const LiveStatus&)> on_status;            // after each frame
-  std::function<void(const std::string&)> say;                 // an event, one line
-  std::function<void(std::span<const std::byte>)> on_save;     // the map, as a file's content
+  FrameObserver on_frame;                                   // afterwards, with keep_frames
+  std::function<void(const LiveStatus&)> on_status;         // after each frame
+  std::function<void(const std::string&)> say;              // an event, one line
+  std::function<void(std::span<const std::byte>)> on_save;  // the map, as a file's content
 };
 
 struct LiveResult {

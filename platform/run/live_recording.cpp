@@ -124,8 +124,7 @@ void LiveRecording::append(int fd, const std::string& text, const fs::path& file
 }
 
 // Whole or not at all, but for a power cut.
-void LiveRecording::write_file(const fs::path& file, std::span<const std::byte> head,
-                               std::span<const std::byte> body) {
+void LiveRecording::write_file(const fs::path& file, std::span<const std::byte> head, std::span<const std::byte> body) {
   const int fd = files_.open(file.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
   if (fd < 0) return give_up(file.string() + ": " + std::strerror(errno));
   const std::string before = trouble_;
@@ -262,7 +261,8 @@ class Words {
                         text.compare(text.size() - after.size(), after.size(), after) == 0;
     const std::string middle =
         framed ? text.substr(before.size(), text.size() - before.size() - after.size()) : std::string("?");
-    if (middle.find_first_not_of("0123456789.-") != std::string::npos) fail_("'" + text + "' is no file of a recording");
+    if (middle.find_first_not_of("0123456789.-") != std::string::npos)
+      fail_("'" + text + "' is no file of a recording");
     return text;
   }
   void end() {
@@ -462,12 +462,12 @@ RunLog repeat_live_recording(const LiveScript& script, const RunOptions& options
       const GreyPixels image = read_image(script.folder / event.file);
       const int64_t start_ns = clock.now_ns();
       const int64_t start_instructions = system.work_meter().instructions();
-      const Frame frame = {image.px.data(),    image.width,       image.height, image.width, PixelFormat::kGrey,
-                           event.timestamp_ns};
+      const Frame frame = {image.px.data(), image.width,        image.height,
+                           image.width,     PixelFormat::kGrey, event.timestamp_ns};
       const TrackResult result = system.track(frame);
       if (log.differs.empty() && result_hash(result) != event.result) {
-        log.differs = format("frame %d, %s, has other bits than in the live run", log.source_frames,
-                             event.file.c_str());
+        log.differs =
+            format("frame %d, %s, has other bits than in the live run", log.source_frames, event.file.c_str());
       }
       FrameLog entry = log_of(result);
       entry.index = log.source_frames++;

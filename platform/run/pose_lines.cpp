@@ -38,8 +38,8 @@ std::string json_line(const TrackResult& result, int64_t age_ns) {
     q.normalize();
     if (q.w() < 0) q.coeffs() = -q.coeffs();
     const Eigen::Vector3d p = T_wc.translation();
-    line += format(",\"p\":[%.9g,%.9g,%.9g],\"q\":[%.9g,%.9g,%.9g,%.9g]", p.x(), p.y(), p.z(), q.x(), q.y(), q.z(),
-                   q.w());
+    line +=
+        format(",\"p\":[%.9g,%.9g,%.9g],\"q\":[%.9g,%.9g,%.9g,%.9g]", p.x(), p.y(), p.z(), q.x(), q.y(), q.z(), q.w());
   }
   line += format(",\"points\":%d,\"keyframes\":%d", result.points_inliers, result.keyframes);
   if (age_ns >= 0) line += format(",\"age_ms\":%.2f", 1e-6 * static_cast<double>(age_ns));
@@ -60,7 +60,8 @@ std::unique_ptr<PoseLines> PoseLines::to_descriptor(PoseFormat format, int fd) {
 std::unique_ptr<PoseLines> PoseLines::to_file(PoseFormat format, const std::string& path) {
   struct stat info = {};
   if (::stat(path.c_str(), &info) == 0) {
-    if (S_ISFIFO(info.st_mode)) return std::unique_ptr<PoseLines>(new PoseLines(format, Kind::kPipe, -1, path));  // opened once somebody reads
+    if (S_ISFIFO(info.st_mode))
+      return std::unique_ptr<PoseLines>(new PoseLines(format, Kind::kPipe, -1, path));  // opened once somebody reads
     throw InputError("--to " + path + ": exists; name a new file, or a named pipe (mkfifo)");
   }
   const int fd = ::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
