@@ -63,13 +63,13 @@ class PhoneCamera : public platform::Camera {
 
   const platform::CameraInfo& info() const override { return info_; }
 
-  bool read(Frame* frame) override {
-    if (next_ == delivered_.size()) return false;
+  platform::CameraEvent wait(Frame* frame, int64_t /*deadline_ns*/) override {
+    if (next_ == delivered_.size()) return platform::CameraEvent::kEnd;
     const int index = delivered_[next_++];
     const int64_t timestamp_ns = timestamp(index);
     sensor_.expose(1e-9 * static_cast<double>(timestamp_ns), static_cast<uint64_t>(index), pixels_.data());
     *frame = {pixels_.data(), options_.width, options_.height, options_.width, PixelFormat::kGrey, timestamp_ns};
-    return true;
+    return platform::CameraEvent::kFrame;
   }
 
   platform::Trajectory ground_truth() const override {

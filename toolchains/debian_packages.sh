@@ -5,6 +5,7 @@ program_packages=(
   g++ cmake ninja-build pkgconf
   libeigen3-dev                                         # the core
   libyaml-cpp-dev libgdk-pixbuf-2.0-dev                 # platform: calibrations, images
+  libjpeg-dev                                           # platform: cameras that send MJPEG; each system's libjpeg-turbo
   libcli11-dev libcairo2-dev                            # the program: options, pictures
   ffmpeg gnuplot-nox                                    # the program runs them: videos, plots
 )

@@ -20,6 +20,8 @@ struct Command {
 // command_line: how to repeat the run, for reports.
 Command add_sim(CLI::App& program, const std::string& command_line);
 Command add_replay(CLI::App& program, const std::string& command_line);
+Command add_live(CLI::App& program, const std::string& command_line);
+Command add_cameras(CLI::App& program);
 Command add_readout(CLI::App& program);
 Command add_eval(CLI::App& program);
 Command add_map(CLI::App& program);

@@ -1,4 +1,5 @@
-// pocket-ptam: tracks and maps a recorded or an emulated sequence, and judges the result. Here the command is chosen.
+// pocket-ptam: tracks and maps a recorded, an emulated or a live sequence, and judges the result. Here the command is
+// chosen.
 
 #include <fcntl.h>
 #include <poll.h>
@@ -47,6 +48,8 @@ int run_program(int argc, char** argv) {
       "Examples:\n"
       "  pocket-ptam sim                                  a desk seen by the emulated phone\n"
       "  pocket-ptam replay clip.mp4 --fov 50             a video, with a guessed field of view\n"
+      "  pocket-ptam cameras                              what can be used live\n"
+      "  pocket-ptam live --fov 60                        the first camera; poses on standard output\n"
       "  pocket-ptam eval trajectory.txt groundtruth.txt  compare two trajectories\n"
       "  pocket-ptam map info desk.map                    what is in a saved map\n"
       "Each command has its own --help.\n"
@@ -54,8 +57,13 @@ int run_program(int argc, char** argv) {
       "written; 2 bad input: nothing was done. The first Ctrl-C (SIGINT, SIGTERM, SIGHUP) ends a run like a recording\n"
       "that breaks off, the second ends the program at once.");
   const std::string command_line = command_of(argc, argv);
-  const std::vector<Command> commands = {add_sim(app, command_line), add_replay(app, command_line), add_readout(app),
-                                         add_eval(app), add_map(app)};
+  const std::vector<Command> commands = {add_sim(app, command_line),
+                                         add_replay(app, command_line),
+                                         add_live(app, command_line),
+                                         add_cameras(app),
+                                         add_readout(app),
+                                         add_eval(app),
+                                         add_map(app)};
 
   try {
     app.parse(argc, argv);
@@ -76,7 +84,7 @@ int run_program(int argc, char** argv) {
   for (const Command& command : commands) {
     if (command.options->parsed()) return command.run();
   }
-  throw InputError("no command given: sim, replay, readout, eval or map; see pocket-ptam --help");
+  throw InputError("no command given: sim, replay, live, cameras, readout, eval or map; see pocket-ptam --help");
 }
 
 int exit_code_of(int argc, char** argv) {

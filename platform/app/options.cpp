@@ -20,15 +20,15 @@ constexpr int kProfileLonger = 320;
 constexpr int kProfileShorter = 240;
 constexpr int kLargeFactor = 3;
 
-void parse_size(const std::string& text, int* width, int* height) {
+}  // namespace
+
+void parse_size(const std::string& option, const std::string& text, int* width, int* height) {
   int used = 0;
   if (std::sscanf(text.c_str(), "%dx%d%n", width, height, &used) != 2 || static_cast<size_t>(used) != text.size() ||
       *width <= 0 || *height <= 0) {
-    throw InputError("--resize " + text + ": write WIDTHxHEIGHT, for example 320x240");
+    throw InputError(option + " " + text + ": write WIDTHxHEIGHT, for example 320x240");
   }
 }
-
-}  // namespace
 
 // "rows:+:0.03"
 Readout parse_readout(const std::string& text) {
@@ -125,7 +125,7 @@ RecordingOptions RecordingInput::recording() const {
   RecordingOptions recording = options;
   recording.source = source;
   recording.calibration = calibration;
-  if (!resize.empty()) parse_size(resize, &recording.resize_width, &recording.resize_height);
+  if (!resize.empty()) parse_size("--resize", resize, &recording.resize_width, &recording.resize_height);
   return recording;
 }
 

@@ -17,6 +17,7 @@ struct OutputOptions {
   std::string save_map;
   bool no_overlay = false;
   bool no_report = false;
+  bool no_progress = false;  // the run shows its own
 };
 void add_run_options(CLI::App* command, platform::RunOptions* run, OutputOptions* output);
 // May be repeated.
@@ -40,5 +41,7 @@ struct Readout {
 };
 // "rows:+:0.03". Throws InputError.
 Readout parse_readout(const std::string& text);
+// "320x240"; option names what it was given to. Throws InputError.
+void parse_size(const std::string& option, const std::string& text, int* width, int* height);
 
 }  // namespace pptam::app

@@ -8,6 +8,8 @@
 #include "platform/app/single_run.h"
 #include "platform/camera/image_list.h"
 #include "platform/input_error.h"
+#include "platform/run/console.h"
+#include "platform/run/live_recording.h"
 #include "platform/text.h"
 
 namespace pptam::app {
@@ -18,6 +20,7 @@ using namespace platform;
 struct ReplayChoice {
   RecordingInput input;
   std::string readout;
+  bool images_only = false;
   RunOptions run;
   OutputOptions output;
 };
@@ -60,7 +63,37 @@ void meet_map(const std::string& map_file, RecordingOptions* recording, std::vec
   }
 }
 
+// A live run's recording, repeated.
+int repeat_live(const ReplayChoice& chosen, const std::string& command_line) {
+  const RecordingInput& input = chosen.input;
+  const RunOptions& run = chosen.run;
+  if (!input.calibration.empty() || input.options.fov_degrees != 0 || !input.resize.empty() ||
+      input.options.every != 1 || input.options.fps != 0 || input.options.rotate_degrees != 0 ||
+      !chosen.readout.empty() || !run.taps_s.empty() || run.auto_start || run.plane_distance != 0 ||
+      run.max_keyframes || run.max_erased_keyframes || !run.steady_damping || !run.load_map.empty() || run.lock_map) {
+    throw InputError("recording " + input.source + " repeats what was done live, bit for bit: camera, taps and maps " +
+                     "are in it; with other ones add --images-only");
+  }
+  const LiveScript script = read_live_recording(input.source);
+  Knowledge knowledge;
+  knowledge.inputs.add("the recording", script.folder / LiveRecording::kEventsName);
+  for (const LiveScript::Event& event : script.events) {
+    if (!event.file.empty()) knowledge.inputs.add("the recording's file", script.folder / event.file);
+  }
+  knowledge.image_folders = {script.folder, script.folder / "rgb"};
+  if (!script.map_hash)
+    knowledge.warnings.push_back(input.source + ": the recording was broken off; what is there is repeated");
+  for (const std::string& warning : knowledge.warnings) print_warning(warning);
+  const Runner runner = [&](const StartObserver& on_start, const FrameObserver& on_frame) {
+    return repeat_live_recording(script, run, on_start, on_frame);
+  };
+  const int code = run_and_write(script.camera.name, {}, runner, run, chosen.output, knowledge, command_line);
+  if (code == kExitOk && script.map_hash) print_line("the same bits as in the live run");
+  return code;
+}
+
 int replay_recording(const ReplayChoice& chosen, const std::string& command_line) {
+  if (!chosen.images_only && is_live_recording(chosen.input.source)) return repeat_live(chosen, command_line);
   RecordingOptions recording = chosen.input.recording();
   if (!chosen.readout.empty()) {
     const Readout parsed = parse_readout(chosen.readout);
@@ -81,6 +114,8 @@ Command add_replay(CLI::App& program, const std::string& command_line) {
   const auto chosen = std::make_shared<ReplayChoice>();
   add_recording_options(replay, &chosen->input);
   replay->add_option("--readout", chosen->readout, "Rolling shutter of the source, rows|columns:+|-:SECONDS");
+  replay->add_flag("--images-only", chosen->images_only,
+                   "Of a recording made by live take the images alone; else all is repeated, bit for bit");
   add_run_options(replay, &chosen->run, &chosen->output);
   replay->footer(
       "Examples:\n"
@@ -88,7 +123,8 @@ Command add_replay(CLI::App& program, const std::string& command_line) {
       "  pocket-ptam replay clip.mp4 --fov 50 --readout rows:+:0.030\n"
       "  pocket-ptam replay 'frames/img_%04d.png' --fov 60 --fps 15 --tap 2\n"
       "  pocket-ptam replay monday.mp4 --calibration phone.yaml --save-map room.map\n"
-      "  pocket-ptam replay tuesday.mp4 --calibration phone.yaml --load-map room.map");
+      "  pocket-ptam replay tuesday.mp4 --calibration phone.yaml --load-map room.map\n"
+      "  pocket-ptam replay desk                            what live --record desk did, bit for bit");
   return {replay, [chosen, command_line] { return replay_recording(*chosen, command_line); }};
 }
 

@@ -63,7 +63,7 @@ void check_map(const RunOptions& run, const OutputOptions& output, const std::fi
   Inputs inputs = knowledge.inputs;
   inputs.add("the map of --load-map", run.load_map);
   const std::string option = "--save-map";
-  check_output_file(option, output.save_map, inputs, "a sound map", is_sound_map);
+  check_map_file(output.save_map, inputs);
   for (const char* name : {"", OutputFolder::kListName}) {
     if (same_place(folder / name, output.save_map) || same_place(folder, output.save_map))
       throw InputError(option + " " + output.save_map + ": is taken by --out " + folder.string());
@@ -118,11 +118,10 @@ class Show {
 };
 
 // The run, with its overlay and its progress on the terminal. The folder is made once the input is known to be good.
-RunLog run_and_show(platform::Camera& camera, const RunOptions& run_options, const OutputOptions& output,
-                    const OutputFolder& folder, std::unique_ptr<Show>* show, std::vector<std::string>* warnings) {
+RunLog run_and_show(const Runner& runner, const OutputOptions& output, const OutputFolder& folder,
+                    std::unique_ptr<Show>* show, std::vector<std::string>* warnings) {
   Progress progress;
-  RunLog log = run_sequence(
-      camera, run_options,
+  RunLog log = runner(
       [&](const CameraInfo& info) {
         folder.prepare();
         stop_on_signals();  // first: the overlay's encoder is to be ended like the rest
@@ -131,9 +130,10 @@ RunLog run_and_show(platform::Camera& camera, const RunOptions& run_options, con
       [&](const Frame& frame, const TrackResult& result, const RunLog& so_far) {
         const FrameLog& entry = so_far.frames.back();
         if (*show) (*show)->add(frame, result, entry);
-        progress.show(so_far.source_frames, so_far.camera.frame_count.value_or(0),
-                      format("%.1f s  %s, %d keyframes, %d points", so_far.seconds(entry.timestamp_ns),
-                             name_of(entry.state), entry.keyframes, entry.map_points));
+        if (!output.no_progress)
+          progress.show(so_far.source_frames, so_far.camera.frame_count.value_or(0),
+                        format("%.1f s  %s, %d keyframes, %d points", so_far.seconds(entry.timestamp_ns),
+                               name_of(entry.state), entry.keyframes, entry.map_points));
       });
   progress.finish();
   return log;
@@ -197,8 +197,7 @@ bool write_essentials(const RunLog& log, const OutputOptions& output, OutputFold
   bool map_saved = false;
   if (!log.saved_map.empty()) {
     attempt([&] {
-      judge_output_file("--save-map", output.save_map, {}, "a sound map", is_sound_map);  // may have come meanwhile
-      write_atomically(output.save_map, log.saved_map);
+      write_map_file(output.save_map, log.saved_map);
       map_saved = true;
     });
   }
@@ -253,17 +252,32 @@ void print_written(const std::filesystem::path& place, const OutputFolder& folde
 
 }  // namespace
 
+void check_map_file(const std::string& file, const Inputs& inputs) {
+  check_output_file("--save-map", file, inputs, "a sound map", is_sound_map);
+}
+
+void write_map_file(const std::string& file, std::span<const std::byte> map) {
+  judge_output_file("--save-map", file, {}, "a sound map", is_sound_map);  // may have come meanwhile
+  write_atomically(file, map);
+}
+
 int run_and_write(platform::Camera& camera, const RunOptions& run_options, const OutputOptions& output,
                   const Knowledge& knowledge, const std::string& command_line) {
-  const Trajectory truth = camera.ground_truth();
-  const std::filesystem::path place = output.out.empty()
-                                          ? std::filesystem::path("out") / folder_name(camera.info().name)
-                                          : std::filesystem::path(output.out);
+  const Runner runner = [&](const StartObserver& on_start, const FrameObserver& on_frame) {
+    return run_sequence(camera, run_options, on_start, on_frame);
+  };
+  return run_and_write(camera.info().name, camera.ground_truth(), runner, run_options, output, knowledge, command_line);
+}
+
+int run_and_write(const std::string& name, const Trajectory& truth, const Runner& runner, const RunOptions& run_options,
+                  const OutputOptions& output, const Knowledge& knowledge, const std::string& command_line) {
+  const std::filesystem::path place =
+      output.out.empty() ? std::filesystem::path("out") / folder_name(name) : std::filesystem::path(output.out);
   OutputFolder folder = check_folder(run_options, place, knowledge);
   check_map(run_options, output, place, knowledge);
   std::vector<std::string> warnings;  // to be printed
   std::unique_ptr<Show> show;
-  const RunLog log = run_and_show(camera, run_options, output, folder, &show, &warnings);
+  const RunLog log = run_and_show(runner, output, folder, &show, &warnings);
 
   Writing writing;
   const bool map_saved = write_essentials(log, output, &folder, &show, &writing);
@@ -294,7 +308,9 @@ int run_and_write(platform::Camera& camera, const RunOptions& run_options, const
     print_error("--save-map " + output.save_map + ": nothing was saved: " + log.save_trouble);
   if (!log.broken.empty())
     print_error(log.broken + "; what came before it was tracked" + (writing.any_failed() ? "" : " and written"));
-  return log.broken.empty() && log.save_trouble.empty() && !writing.any_failed() ? kExitOk : kExitBroken;
+  if (!log.differs.empty()) print_error(log.differs);
+  return log.broken.empty() && log.differs.empty() && log.save_trouble.empty() && !writing.any_failed() ? kExitOk
+                                                                                                        : kExitBroken;
 }
 
 }  // namespace pptam::app

@@ -1,8 +1,10 @@
-// One run with all its outputs: what sim and replay do once they have a camera.
+// One run with all its outputs: what sim, replay and live do once they have a camera.
 #pragma once
 
+#include <cstddef>
 #include <filesystem>
 #include <functional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -28,5 +30,15 @@ struct Knowledge {
 // not stop the rest. Returns the exit code. Throws InputError before the first frame is tracked, with nothing done.
 int run_and_write(platform::Camera& camera, const platform::RunOptions& run_options, const OutputOptions& output,
                   const Knowledge& knowledge, const std::string& command_line);
+
+// The same of another kind of run, which calls the two observers as run_sequence() does.
+using Runner = std::function<platform::RunLog(const platform::StartObserver&, const platform::FrameObserver&)>;
+int run_and_write(const std::string& name, const platform::Trajectory& truth, const Runner& runner,
+                  const platform::RunOptions& run_options, const OutputOptions& output, const Knowledge& knowledge,
+                  const std::string& command_line);
+
+// --save-map alone: judged before anything is done, and written; both throw InputError.
+void check_map_file(const std::string& file, const platform::Inputs& inputs);
+void write_map_file(const std::string& file, std::span<const std::byte> map);
 
 }  // namespace pptam::app

@@ -9,9 +9,7 @@
 #include "platform/files.h"
 
 namespace pptam::platform {
-namespace {
-
-std::string seconds(int64_t ns) {
+std::string timestamp_name(int64_t ns) {
   char text[48];
   std::snprintf(text, sizeof text, "%" PRId64 ".%09" PRId64, ns / 1000000000, ns % 1000000000);
   return text;
@@ -71,8 +69,6 @@ std::string calibration_text(const CameraInfo& info) {
          number(static_cast<double>(info.exposure_s), 7) + "\n";
 }
 
-}  // namespace
-
 void dump_sequence(Camera& camera, const std::filesystem::path& folder,
                    const std::function<bool(int done, int total)>& go_on) {
   std::error_code error;
@@ -92,7 +88,7 @@ void dump_sequence(Camera& camera, const std::filesystem::path& folder,
     write_text_atomically(folder / "calibration.yaml", calibration_text(camera.info()));
     while (begun && camera.read(&frame)) {
       if (frame.format != PixelFormat::kGrey) throw InputError(camera.info().name + ": only grey images can be dumped");
-      const std::string stamp = seconds(frame.timestamp_ns);
+      const std::string stamp = timestamp_name(frame.timestamp_ns);
       const std::string name = "rgb/" + stamp + ".png";
       write_png(folder / name, {frame.data, frame.width, frame.height, frame.stride_bytes});
       list.append(stamp).append(" ").append(name).append("\n");

@@ -1,8 +1,10 @@
 // Writes what a camera delivers as a sequence on disk, for other programs and for replay.
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <string>
 
 #include "platform/camera.h"
 
@@ -14,5 +16,9 @@ namespace pptam::platform {
 // empty. Throws InputError; what was written until then is a shorter sequence, if the list could still be written.
 void dump_sequence(Camera& camera, const std::filesystem::path& folder,
                    const std::function<bool(int done, int total)>& go_on);
+
+// Of such a sequence: a frame's time in its image's name and in rgb.txt, "12.345678901", and calibration.yaml.
+std::string timestamp_name(int64_t timestamp_ns);
+std::string calibration_text(const CameraInfo& info);
 
 }  // namespace pptam::platform

@@ -145,17 +145,17 @@ class RecordedCamera : public Camera {
   const CameraInfo& info() const override { return info_; }
   Trajectory ground_truth() const override { return ground_truth_; }
 
-  bool read(Frame* frame) override {
+  CameraEvent wait(Frame* frame, int64_t /*deadline_ns*/) override {
     if (!first_waits_) {
       std::swap(image_, before_);
-      if (!source_->read(&image_, &timestamp_ns_)) return false;
+      if (!source_->read(&image_, &timestamp_ns_)) return CameraEvent::kEnd;
       if (image_.px == before_.px) ++repeats_;
     }
     first_waits_ = false;
     ++frames_;
     const GreyView view = transform_.apply(image_.view());
     *frame = {view.data, view.width, view.height, view.stride, PixelFormat::kGrey, timestamp_ns_};
-    return true;
+    return CameraEvent::kFrame;
   }
 
   std::vector<std::string> remarks() const override {

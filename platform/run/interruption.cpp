@@ -4,6 +4,7 @@
 
 #include "platform/child_process.h"
 #include "platform/files.h"
+#include "platform/run/keys.h"
 
 namespace pptam::platform {
 namespace {
@@ -18,6 +19,7 @@ extern "C" void on_signal(int signal) {
   }
   end_children();  // first: an encoder that has just started would make its draft again
   remove_drafts();
+  restore_terminal();
   std::signal(signal, SIG_DFL);
   ::raise(signal);  // delivered when the handler returns
 }

@@ -1,15 +1,10 @@
 #include "platform/run/run.h"
 
 #include <algorithm>
-#include <cmath>
-#include <cstddef>
 #include <exception>
-#include <memory>
-#include <new>
 #include <optional>
 
 #include <pocket_ptam/inspection.h>
-#include "platform/files.h"
 #include "platform/input_error.h"
 #include "platform/run/clocks.h"
 #include "platform/run/interruption.h"
@@ -71,60 +66,6 @@ class LookAhead {
   bool next_valid_ = false;
 };
 
-Config config_for(const CameraInfo& info) {
-  CameraModel model = info.model;
-  model.prepare();
-  Config config = Config::phone(model);
-  config.camera.shutter = info.shutter;
-  config.exposure_s = info.exposure_s;
-  return config;
-}
-
-constexpr size_t kMaxMapFile = size_t{1} << 30;
-
-std::unique_ptr<Clock> make_clock(const RunOptions& options, const System& system) {
-  switch (options.clock) {
-    case ClockKind::kSteady:
-      return std::make_unique<SteadyClock>();
-    case ClockKind::kThrottled:
-      return std::make_unique<ThrottledClock>(options.slowdown);
-    case ClockKind::kWork:
-      break;
-  }
-  return std::make_unique<WorkClock>(system.work_meter());
-}
-
-FrameLog log_of(const TrackResult& result) {
-  FrameLog log;
-  log.timestamp_ns = result.timestamp_ns;
-  log.state = result.state;
-  log.quality = result.quality;
-  log.hint = result.hint;
-  log.progress = result.progress;
-  log.limits_hit = result.limits_hit;
-  log.pose_valid = result.pose_valid;
-  log.blurred = result.blurred;
-  log.keyframe_added = result.keyframe_added;
-  if (result.pose_valid) {
-    log.T_wc = camera_to_world(result.T_cw);
-    // With T_cw <- exp(mu) T_cw the centre moves by -R^T times mu's translation: the traces are those of mu's blocks.
-    const auto variances = result.covariance.diagonal().cast<double>();
-    log.position_sigma = std::sqrt(std::max(0.0, variances[0] + variances[1] + variances[2]));
-    log.rotation_sigma = std::sqrt(std::max(0.0, variances[3] + variances[4] + variances[5]));
-  }
-  log.points_attempted = result.points_attempted;
-  log.points_found = result.points_found;
-  log.points_inliers = result.points_inliers;
-  log.reprojection_px = result.reprojection_px;
-  log.partial_attempted = result.partial_attempted;
-  log.partial_found = result.partial_found;
-  log.keyframes = result.keyframes;
-  log.erased_keyframes = result.erased_keyframes;
-  log.map_points = result.map_points;
-  std::copy(std::begin(result.stage_ns), std::end(result.stage_ns), std::begin(log.stage_ns));
-  return log;
-}
-
 // Decides when the user taps.
 class Taps {
  public:
@@ -150,67 +91,6 @@ class Taps {
   size_t next_ = 0;
 };
 
-// The system in its memory, and the time that it lives in.
-struct Device {
-  std::vector<std::max_align_t> memory;
-  int64_t bytes = 0;  // asked for
-  System* system = nullptr;
-  std::unique_ptr<Clock> clock;
-};
-
-Device make_device(const CameraInfo& camera, const RunOptions& options) {
-  Config config = config_for(camera);
-  config.auto_start = options.auto_start;
-  config.initial_plane_distance = static_cast<float>(options.plane_distance);
-  config.steady_damping = options.steady_damping;
-  config.max_keyframes = options.max_keyframes.value_or(config.max_keyframes);
-  config.max_erased_keyframes = options.max_erased_keyframes.value_or(config.max_erased_keyframes);
-  const auto require = [&](const Status& status) {
-    if (!status.ok()) throw InputError(camera.name + ": the camera cannot be used: " + status.message());
-  };
-  require(config.validate());
-  Device device;
-  const size_t bytes = System::required_bytes(config);
-  device.bytes = static_cast<int64_t>(bytes);
-  try {
-    device.memory.resize((bytes + sizeof(std::max_align_t) - 1) / sizeof(std::max_align_t));
-  } catch (const std::exception&) {
-    throw InputError(camera.name + ": there is not enough memory for such images and --max-keyframes: " +
-                     std::to_string(bytes >> 20) + " MB are needed");
-  }
-  require(System::create(config, std::as_writable_bytes(std::span(device.memory)), &device.system));
-  device.clock = make_clock(options, *device.system);
-  device.system->set_clock(device.clock.get());
-  device.system->set_locked(options.lock_map);
-  if (!options.load_map.empty()) {
-    const Status status = device.system->load_map(read_map_file(options.load_map));
-    if (!status.ok()) throw InputError(options.load_map + ": " + status.message());
-  }
-  return device;
-}
-
-// What is left at the end.
-void take_map(System& system, const RunOptions& options, RunLog* log) {
-  log->keyframes.resize(static_cast<size_t>(system.keyframes({})));
-  system.keyframes(log->keyframes);
-  log->map_points.resize(static_cast<size_t>(system.map_points({})));
-  system.map_points(log->map_points);
-  log->map_fit = map_fit(system);
-  log->map_parts = map_parts(system, kHoldingPoints);
-  log->map_hash = map_hash(system);
-  if (!options.save_map) return;
-  try {
-    log->saved_map.resize(system.map_bytes());
-  } catch (const std::bad_alloc&) {  // the rest can still be written
-    log->save_trouble = "not enough memory for a copy of the map";
-    return;
-  }
-  size_t saved = 0;
-  const Status status = system.save_map(log->saved_map, &saved);
-  log->saved_map.resize(saved);
-  if (!status.ok()) log->save_trouble = status.message();
-}
-
 }  // namespace
 
 RunLog run_sequence(Camera& camera, const RunOptions& options, const StartObserver& on_start,
@@ -218,10 +98,10 @@ RunLog run_sequence(Camera& camera, const RunOptions& options, const StartObserv
   RunLog log;
   log.camera = camera.info();
   log.clock = options.clock;
-  const Device device = make_device(log.camera, options);
-  System* const system = device.system;
-  Clock* const clock = device.clock.get();
-  log.memory_bytes = device.bytes;
+  const Session session = make_session(log.camera, options);
+  System* const system = session.system;
+  Clock* const clock = session.clock.get();
+  log.memory_bytes = session.bytes;
 
   LookAhead source(camera, &log.broken);
   if (!source.advance()) throw InputError(log.camera.name + ": holds no images");
@@ -292,10 +172,6 @@ RunLog run_sequence(Camera& camera, const RunOptions& options, const StartObserv
   }
   take_map(*system, options, &log);
   return log;
-}
-
-std::vector<std::byte> read_map_file(const std::filesystem::path& file) {
-  return read_file(file, kMaxMapFile);
 }
 
 }  // namespace pptam::platform

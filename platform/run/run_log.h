@@ -57,6 +57,7 @@ struct RunLog {
   std::vector<std::byte> saved_map;   // if RunOptions ask for it
   std::string save_trouble;           // why it is empty although they do
   std::string broken;                 // what stopped the source midway; empty: it ran to its end
+  std::string differs;                // where a live recording's repetition has other bits; empty: nowhere
   std::vector<std::string> warnings;  // one line each: the camera's remarks, pauses that were cut
 
   Trajectory trajectory() const;               // the frames with a pose, camera-to-world

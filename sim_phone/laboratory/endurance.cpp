@@ -95,13 +95,13 @@ class LapCamera : public platform::Camera {
     info_.name += ", round and round";
   }
   const platform::CameraInfo& info() const override { return info_; }
-  bool read(Frame* frame) override {
-    if (next_ == plan_.place.size()) return false;
+  platform::CameraEvent wait(Frame* frame, int64_t /*deadline_ns*/) override {
+    if (next_ == plan_.place.size()) return platform::CameraEvent::kEnd;
     const size_t i = next_++;
     const auto place = static_cast<size_t>(plan_.place[i]);
     const std::vector<uint8_t>& image = plan_.covered[i] ? black_ : lap_.images[place];
     *frame = {image.data(), info_.model.width, info_.model.height, info_.model.width, PixelFormat::kGrey, timestamp(i)};
-    return true;
+    return platform::CameraEvent::kFrame;
   }
   platform::Trajectory ground_truth() const override {
     platform::Trajectory truth;

@@ -17,16 +17,17 @@ class KeepingCamera : public platform::Camera {
   }
   const platform::CameraInfo& info() const override { return info_; }
   platform::Trajectory ground_truth() const override { return camera_->ground_truth(); }
-  bool read(Frame* frame) override {
+  platform::CameraEvent wait(Frame* frame, int64_t deadline_ns) override {
     if (next_ == kept_.size()) {
-      if (!camera_->read(frame)) return false;
+      const platform::CameraEvent event = camera_->wait(frame, deadline_ns);
+      if (event != platform::CameraEvent::kFrame) return event;
       const size_t bytes = static_cast<size_t>(frame->stride_bytes) * static_cast<size_t>(frame->height);
       kept_.push_back({*frame, {frame->data, frame->data + bytes}});
     }
     *frame = kept_[next_].frame;
     frame->data = kept_[next_].pixels.data();
     ++next_;
-    return true;
+    return platform::CameraEvent::kFrame;
   }
   void again() { next_ = 0; }  // from the first frame
   // Likewise; the shutter told is global from now on.

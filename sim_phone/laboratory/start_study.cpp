@@ -90,8 +90,10 @@ class StoppableCamera : public platform::Camera {
   }
   const platform::CameraInfo& info() const override { return info_; }
   platform::Trajectory ground_truth() const override { return camera_->ground_truth(); }
-  bool read(Frame* frame) override { return !stopped_ && camera_->read(frame); }
-  void stop() { stopped_ = true; }
+  platform::CameraEvent wait(Frame* frame, int64_t deadline_ns) override {
+    return stopped_ ? platform::CameraEvent::kEnd : camera_->wait(frame, deadline_ns);
+  }
+  void stop() override { stopped_ = true; }
 
  private:
   std::unique_ptr<platform::Camera> camera_;

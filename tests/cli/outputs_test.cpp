@@ -372,10 +372,10 @@ class Stamped : public Camera {
     info_.name = "stamped";
   }
   const CameraInfo& info() const override { return info_; }
-  bool read(Frame* frame) override {
-    if (next_ == stamps_ns_.size()) return false;
+  CameraEvent wait(Frame* frame, int64_t /*deadline_ns*/) override {
+    if (next_ == stamps_ns_.size()) return CameraEvent::kEnd;
     *frame = {pixels_.data(), 160, 120, 160, PixelFormat::kGrey, stamps_ns_[next_++]};
-    return true;
+    return CameraEvent::kFrame;
   }
   std::vector<std::string> remarks() const override { return {"a remark"}; }
 

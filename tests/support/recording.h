@@ -62,10 +62,10 @@ class Replay final : public platform::Camera {
   explicit Replay(const Recording& recording) : recording_(recording) {}
   const platform::CameraInfo& info() const override { return recording_.info; }
   platform::Trajectory ground_truth() const override { return recording_.truth; }
-  bool read(Frame* frame) override {
-    if (next_ == recording_.size()) return false;
+  platform::CameraEvent wait(Frame* frame, int64_t /*deadline_ns*/) override {
+    if (next_ == recording_.size()) return platform::CameraEvent::kEnd;
     *frame = recording_.frame(next_++);
-    return true;
+    return platform::CameraEvent::kFrame;
   }
 
  private:

@@ -1,0 +1,86 @@
+// A device as its driver shows it: buffers with raw images, one by one. V4L2 (v4l2_device) and libcamera
+// (libcamera_camera) implement it, and DeviceCamera makes a Camera of either.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "platform/camera.h"
+
+namespace pptam::platform {
+
+enum class PixelLayout {
+  kGrey,   // also the first plane of NV12 and YU12
+  kYuyv,   // every second byte is luminance
+  kMjpeg,  // a JPEG in each buffer
+};
+
+// What the driver's time of a frame means.
+enum class Stamp {
+  kStartOfExposure,  // of the first line
+  kEndOfFrame,       // the last line has been read out
+  kArrival           // the driver does not say: when the buffer was seen here
+};
+
+struct DeviceFrame {
+  const uint8_t* data = nullptr;
+  size_t bytes = 0;  // filled
+  int width = 0;     // pixels
+  int height = 0;
+  int stride = 0;  // bytes
+  PixelLayout layout = PixelLayout::kGrey;
+  int64_t stamp_ns = 0;  // CLOCK_MONOTONIC
+  Stamp stamp = Stamp::kArrival;
+  int64_t sequence = -1;  // the driver's number; -1: none
+  double exposure_s = 0;  // of this frame; 0: unknown
+  double readout_s = 0;   // from the first line to the last; 0: unknown
+  bool broken = false;    // says the driver
+  int buffer = -1;        // for give_back()
+};
+
+// The middle of the exposure of the image's centre: of a shutter that rolls over the whole image in readout_s, be it in
+// whichever direction, each line exposed for exposure_s.
+constexpr int64_t mid_exposure_ns(Stamp stamp, int64_t stamp_ns, double exposure_s, double readout_s) {
+  const auto half_ns = static_cast<int64_t>(0.5e9 * (exposure_s + readout_s));
+  return stamp == Stamp::kStartOfExposure ? saturated_sum(stamp_ns, half_ns) : saturated_difference(stamp_ns, half_ns);
+}
+
+// When the last line was read out.
+constexpr int64_t last_line_ns(Stamp stamp, int64_t stamp_ns, double exposure_s, double readout_s) {
+  if (stamp != Stamp::kStartOfExposure) return stamp_ns;
+  return saturated_sum(stamp_ns, static_cast<int64_t>(1e9 * (exposure_s + readout_s)));
+}
+
+// How the sensor is to be held still.
+struct SensorRequest {
+  int mains_hz = 0;       // against flicker, 50 or 60; 0: as it is
+  double exposure_s = 0;  // 0: what the device's own control has found
+};
+
+class CameraDevice {
+ public:
+  enum class Wake { kReady, kDeadline, kSignal };
+
+  virtual ~CameraDevice() = default;
+  // All throw InputError of one line when the device fails or has gone.
+  virtual CameraDescription describe() = 0;
+  virtual Configuration configure(const CameraRequest& wanted) = 0;
+  virtual void start() = 0;
+  virtual void stop() noexcept = 0;
+  virtual Wake wait(int64_t deadline_ns) = 0;
+  virtual bool take(DeviceFrame* frame) = 0;  // the oldest filled buffer; false: none
+  virtual void give_back(int buffer) = 0;
+  // After a failure: opens the same device again, wherever it is now, with the last configuration. False: not there.
+  virtual bool find_again() = 0;
+
+  // Holds exposure, gain, white balance and focus as they are now; a line for each about what was locked and what not.
+  virtual std::vector<std::string> lock(const SensorRequest& request) = 0;
+  virtual bool can_lock() const = 0;      // there is something to lock, and hence to wait for
+  virtual double exposure_s() const = 0;  // as locked; 0: unknown
+  virtual std::string clock() const = 0;  // what its times are: "kernel, end of frame"
+  virtual int64_t now_ns() const = 0;     // CLOCK_MONOTONIC
+};
+
+}  // namespace pptam::platform

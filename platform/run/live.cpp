@@ -1,0 +1,293 @@
+#include "platform/run/live.h"
+
+#include <algorithm>
+#include <exception>
+#include <memory>
+#include <new>
+#include <optional>
+#include <utility>
+
+#include "platform/input_error.h"
+#include "platform/run/interruption.h"
+#include "platform/run/names.h"
+#include "platform/text.h"
+
+namespace pptam::platform {
+namespace {
+
+constexpr int64_t kLook_ns = 50'000'000;            // between two looks at keys and signals while nothing happens
+constexpr int64_t kFirstFrame_ns = 10'000'000'000;  // for a camera that is not there yet, or takes its time
+
+class LiveRun {
+ public:
+  LiveRun(Camera& camera, const LiveOptions& options, const LiveObserver& observer)
+      : camera_(camera), options_(options), observer_(observer) {}
+
+  LiveResult run() {
+    camera_.start();
+    Frame frame;
+    first_frame(&frame);
+    build();
+    observer_.on_start(result_.log.camera);
+    do {
+      track(frame);
+    } while (!over_ && next_frame(&frame));
+    return finish();
+  }
+
+ private:
+  void first_frame(Frame* frame);
+  bool next_frame(Frame* frame);
+  void build();
+  void track(const Frame& frame);
+  bool meet(CameraEvent event);
+  void press(LiveKey key);
+  void save();
+  LiveResult finish();
+  void say(const std::string& text) const {
+    if (observer_.say) observer_.say(text);
+  }
+
+  Camera& camera_;
+  const LiveOptions& options_;
+  const LiveObserver& observer_;
+  SteadyClock clock_;
+  Session session_;
+  std::unique_ptr<LiveRecording> recording_;
+  std::optional<NotedSystem> system_;
+  LiveResult result_;
+  int64_t first_ns_ = 0;  // timestamp
+  int slices_ = 0;
+  int64_t mapping_ns_ = 0;
+  bool over_ = false;
+  bool trouble_told_ = false;
+};
+
+// Without it nothing has been done yet: what is wrong is thrown.
+void LiveRun::first_frame(Frame* frame) {
+  const int64_t until_ns = clock_.now_ns() + kFirstFrame_ns;
+  for (;;) {
+    if (interrupted()) throw InputError(camera_.info().name + ": " + interruption() + " before the first frame");
+    const CameraEvent event = camera_.wait(frame, clock_.now_ns() + kLook_ns);
+    if (event == CameraEvent::kFrame) return;
+    if (event == CameraEvent::kEnd) throw InputError(camera_.info().name + ": holds no images");
+    if (event == CameraEvent::kUnplugged) throw InputError(camera_.status().trouble);
+    if (clock_.now_ns() > until_ns) throw InputError(camera_.info().name + ": delivers no frames");
+  }
+}
+
+void LiveRun::build() {
+  RunLog& log = result_.log;
+  log.camera = camera_.info();
+  log.clock = ClockKind::kSteady;
+  RunOptions bare = options_.run;  // the map and the lock are to be noted
+  bare.clock = ClockKind::kSteady;
+  bare.load_map.clear();
+  bare.lock_map = false;
+  session_ = make_session(log.camera, bare);
+  log.memory_bytes = session_.bytes;
+  std::vector<std::byte> map;
+  if (!options_.run.load_map.empty()) {
+    map = read_map_file(options_.run.load_map);
+    MapInfo info;
+    const Status status = System::map_info(map, &info);
+    if (!status.ok()) throw InputError(options_.run.load_map + ": " + status.message());
+  }
+  if (!options_.record.empty()) recording_ = std::make_unique<LiveRecording>(options_.record, log.camera, bare);
+  system_.emplace(*session_.system, recording_.get());
+  if (!map.empty()) {
+    const Status status = system_->load_map(map);
+    if (!status.ok()) throw InputError(options_.run.load_map + ": " + status.message());
+  }
+  if (options_.run.lock_map) system_->set_locked(true);
+}
+
+// False at the end. The time until it comes is mapping's.
+bool LiveRun::next_frame(Frame* frame) {
+  for (;;) {
+    if (interrupted() || over_) return false;
+    if (observer_.key) press(observer_.key());
+    System& system = *session_.system;
+    const bool busy = system.has_work();
+    const CameraEvent event = camera_.wait(frame, busy ? 0 : clock_.now_ns() + kLook_ns);
+    if (event == CameraEvent::kFrame) return true;
+    if (!meet(event)) return false;
+    if (!busy) continue;
+    const int64_t from_ns = clock_.now_ns();
+    system_->work_slice();
+    ++slices_;
+    mapping_ns_ += clock_.now_ns() - from_ns;
+  }
+}
+
+bool LiveRun::meet(CameraEvent event) {
+  LiveStatus& status = result_.status;
+  switch (event) {
+    case CameraEvent::kUnplugged:
+      status.camera_gone = true;
+      say(camera_.status().trouble + "; waiting for it to come back");
+      break;
+    case CameraEvent::kReplugged:
+      status.camera_gone = false;
+      say(camera_.info().name + ": is back");
+      break;
+    case CameraEvent::kEnd:
+      return false;
+    case CameraEvent::kFrame:
+    case CameraEvent::kTimeout:
+      return true;
+  }
+  status.camera = camera_.status();
+  if (observer_.on_status) observer_.on_status(status);
+  return true;
+}
+
+void LiveRun::press(LiveKey key) {
+  const System& system = system_->system();
+  switch (key) {
+    case LiveKey::kNone:
+      return;
+    case LiveKey::kTap:
+      system_->tap();
+      return say("tap: the next frame is the first view; move sideways");
+    case LiveKey::kReset:
+      system_->reset();
+      return say("reset: everything is forgotten");
+    case LiveKey::kLock:
+      system_->set_locked(!system.locked());
+      return say(system.locked() ? "the map is locked" : "the map is unlocked");
+    case LiveKey::kSave:
+      return save();
+    case LiveKey::kQuit:
+      over_ = true;
+      return;
+  }
+}
+
+void LiveRun::save() {
+  const System& system = system_->system();
+  if (!observer_.on_save) return say("nothing is saved: no file was named by --save-map");
+  if (system.map_bytes() == 0) return say("nothing is saved: there is no map yet");
+  std::vector<std::byte> map(system.map_bytes());
+  size_t bytes = 0;
+  const Status status = system.save_map(map, &bytes);
+  if (!status.ok()) return say(std::string("nothing is saved: ") + status.message());
+  observer_.on_save(std::span(map).first(bytes));
+}
+
+void LiveRun::track(const Frame& frame) {
+  RunLog& log = result_.log;
+  LiveStatus& status = result_.status;
+  const int64_t start_ns = clock_.now_ns();
+  const int64_t start_instructions = session_.system->work_meter().instructions();
+  const TrackResult result = system_->track(frame);
+  const int64_t tracked_ns = clock_.now_ns();
+  const int index = log.source_frames++;
+  if (!result.status.ok()) {
+    if (status.refused++ == 0) say(std::string("a frame was refused: ") + result.status.message());
+    camera_.give_back();
+    return;
+  }
+  status.camera = camera_.status();
+  if (observer_.on_result && !observer_.on_result(result, status.camera.arrived_ns)) over_ = true;
+  const int64_t written_ns = clock_.now_ns();
+  const int64_t age_ns = saturated_difference(written_ns, status.camera.arrived_ns);
+  if (status.camera.arrived_ns != 0) status.ages.add(age_ns);
+  system_->note_frame(frame, result);
+  if (recording_ && !recording_->trouble().empty() && !trouble_told_) {
+    trouble_told_ = true;
+    status.record_trouble = recording_->trouble();
+    say("the recording ends here, with " + std::to_string(recording_->frames()) + " frames: " + recording_->trouble());
+  }
+  if (status.frames++ == 0) first_ns_ = frame.timestamp_ns;
+  if (result.pose_valid) ++status.poses;
+  status.state = result.state;
+  status.hint = result.hint;
+  status.locked = session_.system->locked();
+  status.keyframes = result.keyframes;
+  status.map_points = result.map_points;
+  status.recorded = recording_ ? recording_->frames() : 0;
+  status.seconds = 1e-9 * static_cast<double>(saturated_difference(frame.timestamp_ns, first_ns_));
+  if (options_.duration_s > 0 && status.seconds >= options_.duration_s) over_ = true;
+  if (options_.keep_frames) {
+    FrameLog entry = log_of(result);
+    entry.index = index;
+    entry.track_ns = tracked_ns - start_ns;
+    entry.late_ns = age_ns;
+    entry.mapping_ns = mapping_ns_;
+    entry.idle_slices = slices_;
+    entry.instructions = session_.system->work_meter().instructions() - start_instructions;
+    log.frames.push_back(entry);
+    if (observer_.on_frame) observer_.on_frame(frame, result, log);
+  }
+  slices_ = 0;
+  mapping_ns_ = 0;
+  camera_.give_back();
+  if (observer_.on_status) observer_.on_status(status);
+}
+
+LiveResult LiveRun::finish() {
+  RunLog& log = result_.log;
+  result_.status.camera = camera_.status();
+  log.warnings = camera_.remarks();
+  camera_.stop();
+  log.dropped = static_cast<int>(std::min<int64_t>(result_.status.camera.dropped, INT32_MAX));
+  log.source_frames += log.dropped;
+  take_map(*session_.system, options_.run, &log);
+  if (recording_) {
+    recording_->finish(log.map_hash);
+    result_.status.record_trouble = recording_->trouble();
+    result_.status.recorded = recording_->frames();
+  }
+  return std::move(result_);
+}
+
+}  // namespace
+
+void Ages::add(int64_t age_ns) {
+  last_ns_ = age_ns;
+  worst_ns_ = std::max(worst_ns_, age_ns);
+  ++count_;
+  const int64_t bin = std::clamp<int64_t>(age_ns / 1'000'000, 0, static_cast<int64_t>(bins_.size()) - 1);
+  ++bins_[static_cast<size_t>(bin)];
+}
+
+double Ages::at_ms(double share) const {
+  const auto wanted = static_cast<int64_t>(share * static_cast<double>(count_));
+  int64_t below = 0;
+  for (size_t bin = 0; bin < bins_.size(); ++bin) {
+    below += bins_[bin];
+    if (below > 0 && below >= wanted) return static_cast<double>(bin) + 0.5;
+  }
+  return 0;
+}
+
+LiveResult run_live(Camera& camera, const LiveOptions& options, const LiveObserver& observer) {
+  return LiveRun(camera, options, observer).run();
+}
+
+std::vector<SummaryRow> summarise(const LiveResult& result) {
+  const LiveStatus& status = result.status;
+  const CameraInfo& camera = result.log.camera;
+  const auto count = [](int64_t value) { return std::to_string(value); };
+  std::vector<SummaryRow> rows;
+  rows.push_back({"camera", camera.name + format(", %d x %d", camera.model.width, camera.model.height)});
+  const double rate = status.seconds > 0 ? static_cast<double>(status.frames - 1) / status.seconds : 0;
+  rows.push_back({"frames", count(status.frames) + format(" tracked in %.1f s, %.1f a second; ", status.seconds, rate) +
+                                count(status.camera.dropped) + " dropped for newer ones, " +
+                                count(status.camera.missed) + " missing, " + count(status.camera.broken) + " broken"});
+  if (!status.camera.clock.empty()) rows.push_back({"times", status.camera.clock});
+  if (status.camera.unplugged > 0)
+    rows.push_back({"interruptions", count(status.camera.unplugged) + ", the last one: " + status.camera.trouble});
+  rows.push_back({"poses", count(status.poses) + format(", %s at the end", name_of(status.state))});
+  if (status.ages.count() > 0) {
+    rows.push_back({"age of a pose", format("%.1f ms (median), %.1f (95 %%), %.1f at worst, from its last line",
+                                            status.ages.at_ms(0.5), status.ages.at_ms(0.95), status.ages.worst_ms())});
+  }
+  rows.push_back({"map", format("%d keyframes, %d points", status.keyframes, status.map_points)});
+  rows.push_back({"map hash", format("%016llx", static_cast<unsigned long long>(result.log.map_hash))});
+  if (status.recorded > 0) rows.push_back({"recorded", count(status.recorded) + " frames"});
+  return rows;
+}
+
+}  // namespace pptam::platform

@@ -1,0 +1,113 @@
+# Sourced by the scripts beside it: Debian's kernels, fetched once into build/drivers and unpacked there.
+
+drivers_dir=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)/build/drivers
+
+skip() {
+  echo "skipped: $*" >&2
+  exit 77
+}
+
+# need_commands COMMAND:PACKAGE...
+need_commands() {
+  local entry
+  for entry in "$@"; do
+    PATH=$PATH:/usr/sbin:/sbin command -v "${entry%%:*}" >/dev/null ||
+      skip "${entry%%:*} is missing; apt-get install ${entry#*:}"
+  done
+  PATH=$PATH:/usr/sbin:/sbin
+}
+
+# private_apt SUITE ARCHITECTURE COMMAND...: apt with lists of its own, so that another suite or architecture than this
+# computer's, and a user who is not root, change nothing here.
+private_apt() {
+  local suite=$1 architecture=$2 dir=$drivers_dir/apt-$1-$2
+  shift 2
+  mkdir -p "$dir"/{lists/partial,cache/archives/partial}
+  {
+    echo "deb [signed-by=/usr/share/keyrings/debian-archive-keyring.gpg] http://deb.debian.org/debian $suite main"
+    echo "deb [signed-by=/usr/share/keyrings/debian-archive-keyring.gpg] http://deb.debian.org/debian-security $suite-security main"
+  } >"$dir/sources.list"
+  touch "$dir/status"
+  local command=$1
+  shift
+  "$command" -qq -o APT::Architecture="$architecture" -o APT::Architectures="$architecture" -o APT::Sandbox::User= \
+    -o Dir::Etc::sourcelist="$dir/sources.list" -o Dir::Etc::sourceparts=/dev/null -o Dir::State="$dir" \
+    -o Dir::State::lists="$dir/lists" -o Dir::State::status="$dir/status" -o Dir::Cache="$dir/cache" "$@"
+}
+
+# fetch_packages SUITE ARCHITECTURE FOLDER NAME...: unpacks packages into the folder, without what they depend on.
+fetch_packages() {
+  local suite=$1 architecture=$2 folder=$3 debs
+  shift 3
+  debs=$(mktemp -d -p "$drivers_dir")
+  echo "boot.sh: fetching Debian $suite's $*" >&2
+  if ! (cd "$debs" && private_apt "$suite" "$architecture" apt-get download "$@") >&2; then
+    rm -rf "$debs"
+    return 1
+  fi
+  local deb
+  for deb in "$debs"/*.deb; do
+    dpkg-deb -x "$deb" "$folder"
+  done
+  rm -rf "$debs"
+}
+
+# unpack_kernel FROM TO: without its compression, by which an emulated processor would take five seconds longer to start.
+unpack_kernel() {
+  local magic at
+  for magic in '\xFD7zXZ\x00/xz -dc --single-stream' '\x28\xB5\x2F\xFD/zstd -dcq'; do
+    for at in $(LC_ALL=C grep -aobP "${magic%%/*}" "$1" | cut -d: -f1); do
+      tail -c "+$((at + 1))" "$1" | ${magic#*/} >"$2" 2>/dev/null || true  # what follows it in the file is no part of it
+      if head -c 4 "$2" | grep -q ELF; then
+        return
+      fi
+    done
+  done
+  echo "error: $1 is compressed in an unknown way" >&2
+  return 1
+}
+
+# guest_kernel SUITE ARCHITECTURE METAPACKAGE: prints a folder with vmlinux, or vmlinuz and dtb of a board, lib/modules, and
+# bin/busybox.
+guest_kernel() {
+  local suite=$1 architecture=$2 meta=$3 folder package
+  folder=$drivers_dir/kernel-$suite-$architecture
+  if [[ ! -e "$folder/bin" ]]; then
+    need_commands apt-get:apt dpkg-deb:dpkg
+    mkdir -p "$drivers_dir"
+    rm -rf "$folder.new" "$folder"
+    private_apt "$suite" "$architecture" apt-get update >&2 || skip "Debian $suite's list of packages cannot be had"
+    package=$(private_apt "$suite" "$architecture" apt-cache depends "$meta" | sed -nE '0,/Depends:/s/.*Depends: //p')
+    fetch_packages "$suite" "$architecture" "$folder.new" "${package:-$meta}" busybox-static || skip "$package cannot be had"
+    if [[ "$architecture" == amd64 ]]; then
+      unpack_kernel "$folder.new"/boot/vmlinuz-* "$folder.new/vmlinux"
+    else
+      mv "$folder.new"/boot/vmlinuz-* "$folder.new/vmlinuz"
+      mv "$folder.new"/usr/lib/linux-image-*/*.dtb "$folder.new"
+    fi
+    mkdir -p "$folder.new"/{lib,bin}
+    [[ -d "$folder.new/lib/modules" ]] || mv "$folder.new/usr/lib/modules" "$folder.new/lib"
+    [[ -e "$folder.new/bin/busybox" ]] || mv "$folder.new/usr/bin/busybox" "$folder.new/bin"
+    depmod -b "$folder.new" "$(ls "$folder.new/lib/modules")"
+    rm -rf "$folder.new"/{boot,usr}
+    mv "$folder.new" "$folder"
+  fi
+  echo "$folder"
+}
+
+# copy_modules KERNEL RELEASE NAME ROOT: a module and those it needs, not compressed.
+copy_modules() {
+  local kernel=$1 release=$2 name=$3 root=$4 list path plain
+  if ! list=$(modprobe -d "$kernel" -S "$release" --show-depends "$name"); then
+    echo "error: kernel $release has no module $name" >&2
+    exit 2
+  fi
+  while read -r path; do
+    plain=$root/lib/modules/$release/$(basename "${path%.xz}")
+    if [[ "$path" == *.xz ]]; then
+      xz -dc "$path" >"$plain"
+    else
+      cp "$path" "$plain"
+    fi
+  done < <(sed -nE 's/^insmod ([^ ]+).*/\1/p' <<<"$list")
+}
