@@ -141,7 +141,7 @@ struct RobustMean {
   std::vector<float> values;
   float mean = 0;
   std::vector<float> squared;
-  NormalEquations<1> equations;
+  NormalEquations<2> equations;  // one of two unknowns is used: GCC 14 warns of loops that one alone never enters
   float sigma = 1;
   std::string asked;
   int fail_at = -1;
@@ -156,14 +156,14 @@ struct RobustMean {
     asked += 's';
     std::vector<float> copy = squared;
     sigma = std::max(robust_sigma_1d(copy), 0.01f);
-    equations.clear();
+    equations.clear(1);
   }
   int residuals() const { return static_cast<int>(values.size()); }
   void sum(int from, int to) {
     asked += '+';
     const Tukey tukey(sigma, kTukeyCutoff1d);
     for (int i = from; i < to; ++i)
-      equations.add({1}, values[static_cast<size_t>(i)] - mean, tukey.weight(squared[static_cast<size_t>(i)]));
+      equations.add({1, 0}, values[static_cast<size_t>(i)] - mean, tukey.weight(squared[static_cast<size_t>(i)]));
   }
   FitStep step(int iteration) {
     asked += '>';
