@@ -36,8 +36,8 @@ machine=pc suite=bookworm memory=512 seconds=90 script="" out="" root="" sysroot
 while (($# > 0)); do
   case "$1" in
     -h | --help) usage; exit 0 ;;
-    --machine | --suite | --module | --carry | --program | --file | --sysroot | --root | --out | --memory | --timeout | \
-      --script)
+    --machine | --suite | --module | --carry | --program | --file | --sysroot | --root | --out | --memory | \
+      --timeout | --script)
       if (($# < 2)); then
         echo "error: $1 needs a value; see --help" >&2
         exit 2

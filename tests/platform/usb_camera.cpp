@@ -175,14 +175,13 @@ Bytes device_descriptor() {
 
 // One frame of the file in the size that the host chose; chroma is grey.
 Bytes image(int scale, const Bytes& grey) {
-  const int width = settings.width * scale, height = settings.height * scale;
+  const auto times = static_cast<size_t>(scale), source_width = static_cast<size_t>(settings.width);
+  const size_t width = source_width * times, height = static_cast<size_t>(settings.height) * times;
   const bool yuyv = settings.format->bits_per_pixel == 16;
   Bytes all(frame_bytes(scale), 128);
-  for (int y = 0; y < height; ++y) {
-    for (int x = 0; x < width; ++x) {
-      const size_t at = static_cast<size_t>(y) * static_cast<size_t>(width) + static_cast<size_t>(x);
-      all[yuyv ? 2 * at : at] = grey[static_cast<size_t>((y / scale) * settings.width + x / scale)];
-    }
+  for (size_t y = 0; y < height; ++y) {
+    for (size_t x = 0; x < width; ++x)
+      all[(y * width + x) * (yuyv ? 2 : 1)] = grey[y / times * source_width + x / times];
   }
   return all;
 }

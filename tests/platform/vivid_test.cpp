@@ -39,7 +39,7 @@ enum Control : uint32_t {
   kStreamonError = 0x00f0f045,
   kFatalError = 0x00f0f046,
 };
-constexpr int kGreyRamp = 20, kBlack = 5, kNoText = 2;
+constexpr int kGreyRamp = 20, kNoText = 2;
 
 int64_t now_ns() {
   timespec now{};
@@ -252,25 +252,16 @@ TEST_F(Vivid, AStartThatFailsIsToldAndTheNextOneWorks) {
   }
 }
 
-TEST_F(Vivid, ABufferThatIsNotTakenBackDoesNotStopTheFrames) {
+// There are four buffers: without giving the refused ones again there would be none left.
+TEST_F(Vivid, BuffersThatAreNotTakenBackDoNotStopTheFrames) {
   const std::unique_ptr<Camera> camera = open_camera();
   camera->start();
-  ASSERT_FALSE(next_image(*camera).empty());
-  set_control(kQbufError);
-  for (int i = 0; i < 10; ++i) ASSERT_FALSE(next_image(*camera).empty());
-  EXPECT_EQ(camera->status().unplugged, 0);
-}
-
-TEST_F(Vivid, WithoutAnyBufferItStartsAgain) {
-  const std::unique_ptr<Camera> camera = open_camera();
-  camera->start();
-  for (int i = 0; i < 3; ++i) {
+  for (int i = 0; i < 10; ++i) {
     ASSERT_FALSE(next_image(*camera).empty());
     set_control(kQbufError);
   }
-  ASSERT_FALSE(next_image(*camera).empty());
-  set_control(kQbufError);
-  expect_back(*camera);
+  for (int i = 0; i < 10; ++i) ASSERT_FALSE(next_image(*camera).empty());
+  EXPECT_EQ(camera->status().unplugged, 0);
 }
 
 TEST_F(Vivid, AStreamThatFailsIsToldAndComesBack) {
