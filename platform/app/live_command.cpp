@@ -99,7 +99,7 @@ LiveKey key_of(char character) {
     case 'q':
       return LiveKey::kQuit;
     default:
-      return LiveKey::kNone;
+      return LiveKey::kNothing;
   }
 }
 

@@ -122,7 +122,7 @@ Lived live(const fs::path& record, unsigned seed, const std::map<int, LiveKey>& 
   int pressed = -1;
   observer.key = [&] {
     const auto key = keys.find(camera.next());
-    if (key == keys.end() || pressed == camera.next()) return LiveKey::kNone;
+    if (key == keys.end() || pressed == camera.next()) return LiveKey::kNothing;
     pressed = camera.next();
     return key->second;
   };
