@@ -19,6 +19,9 @@ board_packages=(                                        # toolchains/board.cmake
 style_packages=(clang clang-format clang-tidy)
 sanitize_packages=(clang libclang-rt-dev)
 fuzz_packages=("${sanitize_packages[@]}")
+driver_packages=(                                       # tests/platform boots Debian's kernels with our programs
+  qemu-system-x86 kmod cpio binutils debian-archive-keyring
+)
 bench_packages=(libbenchmark-dev libceres-dev libopencv-video-dev)  # OpenCV's core and imgproc come with its video
 
 # install_packages NAME...: those that are not installed yet. Calls apt only when one is missing, so that everything

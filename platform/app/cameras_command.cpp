@@ -20,7 +20,7 @@ std::string rates_text(const CameraMode& mode) {
   return " at " + text + " frames/s";
 }
 
-int list() {
+int list_all() {
   const CameraList found = list_cameras();
   for (const CameraDescription& camera : found.cameras) {
     print_line(camera.address + "  " + camera.name + " (" + camera.driver + ")");
@@ -40,8 +40,10 @@ Command add_cameras(CLI::App& program) {
   CLI::App* cameras = program.add_subcommand("cameras", "List the cameras for live, with sizes and rates");
   cameras->footer(
       "The address in front is what live --camera takes; the first one is used when none is named.\n"
-      "Exit code 1 when there is none.");
-  return {cameras, [] { return list(); }};
+      "Exit code 1 when there is none.\n"
+      "Example:\n"
+      "  pocket-ptam cameras && pocket-ptam live --fov 60");
+  return {cameras, [] { return list_all(); }};
 }
 
 }  // namespace pptam::app

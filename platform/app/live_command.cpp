@@ -99,7 +99,7 @@ LiveKey key_of(char character) {
     case 'q':
       return LiveKey::kQuit;
     default:
-      return LiveKey::kNone;
+      return LiveKey::kNothing;
   }
 }
 
@@ -184,7 +184,6 @@ class LiveSession {
     }
     const std::unique_ptr<platform::Camera> camera = open_camera(chosen_, &knowledge.warnings);
     for (const std::string& warning : knowledge.warnings) print_warning(warning);
-    poses_ = open_poses(chosen_, output_.poses());
     stop_on_signals();
     const Runner runner = [&](const StartObserver& on_start, const FrameObserver& on_frame) {
       return live(*camera, on_start, on_frame);
@@ -210,6 +209,8 @@ class LiveSession {
     if (chosen_.udp != 0 && !chosen_.to.empty()) throw InputError("--udp and --to: poses go one way, choose one");
     if ((chosen_.udp != 0 || !chosen_.to.empty()) && chosen_.poses == "none")
       throw InputError("--poses none: --udp and --to have nothing to send");
+    if (!chosen_.to.empty()) PoseLines::check_file(chosen_.to);
+    if (!chosen_.live.record.empty()) LiveRecording::check(chosen_.live.record);
   }
 
   RunLog live(platform::Camera& camera, const StartObserver& on_start, const FrameObserver& on_frame) {
@@ -217,6 +218,7 @@ class LiveSession {
     LiveObserver observer;
     observer.on_start = [&](const CameraInfo& info) {
       on_start(info);
+      poses_ = open_poses(chosen_, output_.poses());
       status_.say(info.name + format(": tracking %dx%d", info.model.width, info.model.height) +
                   (keys.terminal() ? "; keys: t tap, r reset, l lock, s save map, q quit" : ""));
     };

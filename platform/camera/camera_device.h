@@ -43,14 +43,14 @@ struct DeviceFrame {
 // The middle of the exposure of the image's centre: of a shutter that rolls over the whole image in readout_s, be it in
 // whichever direction, each line exposed for exposure_s.
 constexpr int64_t mid_exposure_ns(Stamp stamp, int64_t stamp_ns, double exposure_s, double readout_s) {
-  const auto half_ns = static_cast<int64_t>(0.5e9 * (exposure_s + readout_s));
+  const auto half_ns = static_cast<int64_t>(0.5e9 * (exposure_s + readout_s) + 0.5);
   return stamp == Stamp::kStartOfExposure ? saturated_sum(stamp_ns, half_ns) : saturated_difference(stamp_ns, half_ns);
 }
 
 // When the last line was read out.
 constexpr int64_t last_line_ns(Stamp stamp, int64_t stamp_ns, double exposure_s, double readout_s) {
   if (stamp != Stamp::kStartOfExposure) return stamp_ns;
-  return saturated_sum(stamp_ns, static_cast<int64_t>(1e9 * (exposure_s + readout_s)));
+  return saturated_sum(stamp_ns, static_cast<int64_t>(1e9 * (exposure_s + readout_s) + 0.5));
 }
 
 // How the sensor is to be held still.

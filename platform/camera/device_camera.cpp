@@ -26,7 +26,7 @@ constexpr int64_t kSettle_ns = 700 * kMs;      // for the device's own exposure 
 constexpr int64_t kRetry_ns = 200 * kMs;       // between two looks for a device that has gone
 constexpr int kMostBuffers = 32;               // taken at once; V4L2 has no more
 
-std::string size_text(int width, int height) {
+std::string sides_text(int width, int height) {
   return std::to_string(width) + "x" + std::to_string(height);
 }
 
@@ -61,8 +61,8 @@ CameraModel reduced_model(const CameraModel& calibrated, const CameraMode& mode,
   };
   if (calibrated.width == mode.width && calibrated.height == mode.height) return reduction.model(calibrated);
   const std::string sizes = "calibration " + file + " is for images of " +
-                            size_text(calibrated.width, calibrated.height) + ", the camera's are " +
-                            size_text(mode.width, mode.height);
+                            sides_text(calibrated.width, calibrated.height) + ", the camera's are " +
+                            sides_text(mode.width, mode.height);
   if (same_shape(mode.width, mode.height)) {
     if (warnings) warnings->push_back(sizes + ": taken as the same view, scaled");
     return reduction.model(scaled(mode.width, mode.height));
@@ -70,7 +70,7 @@ CameraModel reduced_model(const CameraModel& calibrated, const CameraMode& mode,
   const int width = reduction.cropped_width();
   const int height = reduction.cropped_height();
   if (same_shape(width, height)) {
-    if (warnings) warnings->push_back(sizes + ": taken as that of their middle, " + size_text(width, height));
+    if (warnings) warnings->push_back(sizes + ": taken as that of their middle, " + sides_text(width, height));
     return reduction.model_of_cropped(scaled(width, height));
   }
   throw InputError(sizes + ": calibrate at that size, or choose it with --mode");

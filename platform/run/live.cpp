@@ -145,7 +145,7 @@ bool LiveRun::meet(CameraEvent event) {
 void LiveRun::press(LiveKey key) {
   const System& system = system_->system();
   switch (key) {
-    case LiveKey::kNone:
+    case LiveKey::kNothing:
       return;
     case LiveKey::kTap:
       system_->tap();

@@ -17,7 +17,7 @@
 
 namespace pptam::platform {
 
-enum class LiveKey { kNone, kTap, kReset, kLock, kSave, kQuit };
+enum class LiveKey { kNothing, kTap, kReset, kLock, kSave, kQuit };
 
 struct LiveOptions {
   RunOptions run;         // clock, drop_late and max_wait_s do not matter: time is the camera's

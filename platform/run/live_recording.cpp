@@ -83,12 +83,16 @@ uint64_t result_hash(const TrackResult& r) {
 
 // ---- Writing -----------------------------------------------------------------------------------------------------
 
-LiveRecording::LiveRecording(const fs::path& folder, const CameraInfo& camera, const RunOptions& options,
-                             FileOperations* files)
-    : folder_(folder), files_(files != nullptr ? *files : system_) {
+void LiveRecording::check(const fs::path& folder) {
   std::error_code error;
   if (fs::exists(folder, error) && (!fs::is_directory(folder, error) || !fs::is_empty(folder, error)))
     throw InputError("--record " + folder.string() + ": exists and is not an empty folder; name a new one");
+}
+
+LiveRecording::LiveRecording(const fs::path& folder, const CameraInfo& camera, const RunOptions& options,
+                             FileOperations* files)
+    : folder_(folder), files_(files != nullptr ? *files : system_) {
+  check(folder);
   make_folder(folder / "rgb", "--record");
   write_text_atomically(folder / "calibration.yaml", calibration_text(camera));
   const auto open = [&](const char* name) {

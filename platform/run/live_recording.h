@@ -35,7 +35,9 @@ class LiveRecording {
  public:
   static constexpr const char* kEventsName = "events.txt";
 
-  // The folder must be new or empty. Throws InputError. files: null for the system's own.
+  // Throws InputError unless the folder is new or empty; changes nothing.
+  static void check(const std::filesystem::path& folder);
+  // Checks likewise. files: null for the system's own.
   LiveRecording(const std::filesystem::path& folder, const CameraInfo& camera, const RunOptions& options,
                 FileOperations* files = nullptr);
   ~LiveRecording();

@@ -57,13 +57,17 @@ std::unique_ptr<PoseLines> PoseLines::to_descriptor(PoseFormat format, int fd) {
   return std::unique_ptr<PoseLines>(new PoseLines(format, Kind::kDescriptor, fd, "standard output"));
 }
 
-std::unique_ptr<PoseLines> PoseLines::to_file(PoseFormat format, const std::string& path) {
+void PoseLines::check_file(const std::string& path) {
   struct stat info = {};
-  if (::stat(path.c_str(), &info) == 0) {
-    if (S_ISFIFO(info.st_mode))
-      return std::unique_ptr<PoseLines>(new PoseLines(format, Kind::kPipe, -1, path));  // opened once somebody reads
+  if (::stat(path.c_str(), &info) == 0 && !S_ISFIFO(info.st_mode))
     throw InputError("--to " + path + ": exists; name a new file, or a named pipe (mkfifo)");
-  }
+}
+
+std::unique_ptr<PoseLines> PoseLines::to_file(PoseFormat format, const std::string& path) {
+  check_file(path);
+  struct stat info = {};
+  if (::stat(path.c_str(), &info) == 0)  // opened once somebody reads
+    return std::unique_ptr<PoseLines>(new PoseLines(format, Kind::kPipe, -1, path));
   const int fd = ::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
   if (fd < 0) throw InputError("--to " + path + ": " + std::strerror(errno));
   return std::unique_ptr<PoseLines>(new PoseLines(format, Kind::kDescriptor, fd, path));

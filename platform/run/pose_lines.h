@@ -16,7 +16,8 @@ class PoseLines {
  public:
   // All throw InputError.
   static std::unique_ptr<PoseLines> to_descriptor(PoseFormat format, int fd);  // owned from now on
-  // A new file, or a named pipe, whose readers may come and go.
+  // A new file, or a named pipe, whose readers may come and go. check_file() changes nothing.
+  static void check_file(const std::string& path);
   static std::unique_ptr<PoseLines> to_file(PoseFormat format, const std::string& path);
   static std::unique_ptr<PoseLines> to_udp(PoseFormat format, int port);  // 127.0.0.1, a datagram for each line
   ~PoseLines();

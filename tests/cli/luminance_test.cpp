@@ -50,7 +50,7 @@ Bytes jpeg_of(int width, int height, bool progressive = false) {
   jpeg_start_compress(&info, TRUE);
   Bytes row(static_cast<size_t>(3 * width), 128);
   for (int y = 0; y < height; ++y) {
-    for (int x = 0; x < width; ++x) row[static_cast<size_t>(3 * x)] = static_cast<uint8_t>(60 + x / 2 + y / 2);
+    for (int x = 0; x < width; ++x) row[static_cast<size_t>(3 * x)] = static_cast<uint8_t>(60 + x / 3 + y / 2);
     JSAMPROW line = row.data();
     jpeg_write_scanlines(&info, &line, 1);
   }
@@ -108,7 +108,7 @@ TEST(Luminance, JpegIsNearItsSource) {
     ASSERT_TRUE(luminance.read(frame_of(bytes, width, 77, 0, PixelLayout::kMjpeg), &view)) << luminance.trouble();
     int worst = 0;
     for (int y = 0; y < 77; ++y) {
-      for (int x = 0; x < width; ++x) worst = std::max(worst, std::abs(view.at(x, y) - (60 + x / 2 + y / 2)));
+      for (int x = 0; x < width; ++x) worst = std::max(worst, std::abs(view.at(x, y) - (60 + x / 3 + y / 2)));
     }
     EXPECT_LE(worst, 4);  // the coarsest step of quality 95's table is 12: half of it, spread over a block
   }

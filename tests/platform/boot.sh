@@ -27,7 +27,7 @@ being root.
 Exit codes: 77 skipped, because a package or program could not be had; 124 time is over; 125 the computer ended without
 the script's exit code; 2 wrong options; else the script's own.
 Examples:
-  tests/platform/boot.sh --module "vivid n_devs=1" --program build/release/pocket-ptam --script guest.sh --out build/guest
+  tests/platform/boot.sh --module "vivid n_devs=1" --program build/release/pocket-ptam --script guest.sh --out out/guest
   echo 'ls /dev/video*' >guest.sh; tests/platform/boot.sh --module vivid --script guest.sh
 HELP
 }
@@ -36,7 +36,8 @@ machine=pc suite=bookworm memory=512 seconds=90 script="" out="" root="" sysroot
 while (($# > 0)); do
   case "$1" in
     -h | --help) usage; exit 0 ;;
-    --machine | --suite | --module | --carry | --program | --file | --sysroot | --root | --out | --memory | --timeout | --script)
+    --machine | --suite | --module | --carry | --program | --file | --sysroot | --root | --out | --memory | \
+      --timeout | --script)
       if (($# < 2)); then
         echo "error: $1 needs a value; see --help" >&2
         exit 2
@@ -104,7 +105,8 @@ mkdir -p "$initramfs"/{bin,dev,etc,proc,sys,tmp,work,out,"lib/modules/$release"}
 # The shared libraries of a program or module, and of these, go where its loader looks for them.
 copy_libraries() {
   local name library folder
-  { readelf -ld "$1" 2>/dev/null || true; } | sed -nE 's/.*(NEEDED|interpreter).*[[ ]([^][ ]+)\].*/\2/p' | while read -r name; do
+  { readelf -ld "$1" 2>/dev/null || true; } | sed -nE 's/.*(NEEDED|interpreter).*[[ ]([^][ ]+)\].*/\2/p' |
+    while read -r name; do
     name=${name##*/}
     for folder in /lib64 /lib /usr/lib /usr/local/lib {/usr,}/lib/*-linux-gnu*; do
       library=$(realpath -qe "$sysroot$folder/$name") || continue
@@ -163,7 +165,7 @@ chmod +x "$initramfs/init"
 (cd "$initramfs" && find . | cpio --quiet -o -H newc -R 0:0) >"$scratch/initramfs.cpio"
 truncate -s 1G "$scratch/disk"
 
-arguments="quiet loglevel=4 panic=-1"
+arguments="quiet loglevel=4 panic=-1 no_timer_check"
 computer=(-nodefaults -no-user-config -no-reboot -display none -serial stdio -initrd "$scratch/initramfs.cpio")
 case "$machine" in
   pc)  # with rdrand, as without entropy a program that asks for random numbers waits for seconds
@@ -171,8 +173,9 @@ case "$machine" in
       -append "console=ttyS0 tsc=reliable $arguments" -drive "if=virtio,format=raw,file=$scratch/disk")
     ;;
   raspi0)  # the emulated board has no such power domains; and without -icount its timers run away from its processor
+    arguments="console=ttyAMA0 initcall_blacklist=bcm2835_power_driver_init $arguments"
     computer=(qemu-system-arm "${computer[@]}" -machine raspi0 -icount shift=3,sleep=off -kernel "$kernel/vmlinuz"
-      -dtb "$kernel/bcm2835-rpi-zero.dtb" -append "console=ttyAMA0 initcall_blacklist=bcm2835_power_driver_init $arguments"
+      -dtb "$kernel/bcm2835-rpi-zero.dtb" -append "$arguments"
       -drive "if=sd,format=raw,file=$scratch/disk")
     ;;
 esac

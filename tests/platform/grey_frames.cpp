@@ -14,8 +14,9 @@ using namespace pptam::platform;
 
 int main(int count, char** words) {
   if (count != 4) {
-    std::puts("Usage: grey_frames DEGREES SEQUENCE FILE\n"
-              "Turns the images clockwise and writes FILE and FILE.yaml.");
+    std::puts(
+        "Usage: grey_frames DEGREES SEQUENCE FILE\n"
+        "Turns the images clockwise and writes FILE and FILE.yaml.");
     return 2;
   }
   try {

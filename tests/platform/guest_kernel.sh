@@ -23,10 +23,9 @@ private_apt() {
   local suite=$1 architecture=$2 dir=$drivers_dir/apt-$1-$2
   shift 2
   mkdir -p "$dir"/{lists/partial,cache/archives/partial}
-  {
-    echo "deb [signed-by=/usr/share/keyrings/debian-archive-keyring.gpg] http://deb.debian.org/debian $suite main"
-    echo "deb [signed-by=/usr/share/keyrings/debian-archive-keyring.gpg] http://deb.debian.org/debian-security $suite-security main"
-  } >"$dir/sources.list"
+  local signed='[signed-by=/usr/share/keyrings/debian-archive-keyring.gpg]'
+  echo "deb $signed http://deb.debian.org/debian $suite main
+deb $signed http://deb.debian.org/debian-security $suite-security main" >"$dir/sources.list"
   touch "$dir/status"
   local command=$1
   shift
@@ -52,12 +51,12 @@ fetch_packages() {
   rm -rf "$debs"
 }
 
-# unpack_kernel FROM TO: without its compression, by which an emulated processor would take five seconds longer to start.
+# unpack_kernel FROM TO: without its compression, which would take an emulated processor five seconds.
 unpack_kernel() {
   local magic at
   for magic in '\xFD7zXZ\x00/xz -dc --single-stream' '\x28\xB5\x2F\xFD/zstd -dcq'; do
     for at in $(LC_ALL=C grep -aobP "${magic%%/*}" "$1" | cut -d: -f1); do
-      tail -c "+$((at + 1))" "$1" | ${magic#*/} >"$2" 2>/dev/null || true  # what follows it in the file is no part of it
+      tail -c "+$((at + 1))" "$1" | ${magic#*/} >"$2" 2>/dev/null || true  # what follows it is no part of it
       if head -c 4 "$2" | grep -q ELF; then
         return
       fi
@@ -67,8 +66,8 @@ unpack_kernel() {
   return 1
 }
 
-# guest_kernel SUITE ARCHITECTURE METAPACKAGE: prints a folder with vmlinux, or vmlinuz and dtb of a board, lib/modules, and
-# bin/busybox.
+# guest_kernel SUITE ARCHITECTURE METAPACKAGE: prints a folder with lib/modules, bin/busybox and vmlinux, or a board's
+# vmlinuz and dtb.
 guest_kernel() {
   local suite=$1 architecture=$2 meta=$3 folder package
   folder=$drivers_dir/kernel-$suite-$architecture
@@ -78,7 +77,8 @@ guest_kernel() {
     rm -rf "$folder.new" "$folder"
     private_apt "$suite" "$architecture" apt-get update >&2 || skip "Debian $suite's list of packages cannot be had"
     package=$(private_apt "$suite" "$architecture" apt-cache depends "$meta" | sed -nE '0,/Depends:/s/.*Depends: //p')
-    fetch_packages "$suite" "$architecture" "$folder.new" "${package:-$meta}" busybox-static || skip "$package cannot be had"
+    fetch_packages "$suite" "$architecture" "$folder.new" "${package:-$meta}" busybox-static ||
+      skip "$package cannot be had"
     if [[ "$architecture" == amd64 ]]; then
       unpack_kernel "$folder.new"/boot/vmlinuz-* "$folder.new/vmlinux"
     else

@@ -1,11 +1,17 @@
-// A USB camera for tests, by Linux's gadgetfs: with the module dummy_hcd it is plugged into the very computer it runs on,
-// whose uvcvideo then finds it. The camera is plugged in while this program runs, and pulled out by its end.
+// A USB camera for tests, by Linux's gadgetfs: with the module dummy_hcd it is plugged into the very computer it runs
+// on, whose uvcvideo then finds it. The camera is plugged in while this program runs, and pulled out by its end.
 //
-// It speaks USB Video Class 1.0 over a bulk endpoint (dummy_hcd has no isochronous ones): a camera terminal, a processing
-// unit, and one format (gadgetfs hands out 256 bytes of descriptors, which hold no more): YUYV, NV12, YU12 or GREY, in the
-// frames' size and in twice that with each pixel four times, which halves to the same pixels. Frames come from a file of raw grey images, one each 1/rate seconds from the moment the host
-// asks for the stream. Prints "plugged TIME_NS", "commit WIDTH", "frame N TIME_NS" (CLOCK_MONOTONIC, when its last byte was
-// taken) and "set UNIT SELECTOR VALUE".
+// It speaks USB Video Class 1.0 over a bulk endpoint (dummy_hcd has no isochronous ones): a camera terminal, a
+// processing unit, and one format (gadgetfs hands out 256 bytes of descriptors, which hold no more): YUYV, NV12, YU12
+// or GREY, in the frames' size and in twice that with each pixel four times, which halves to the same pixels. Frames
+// come from a file of raw grey images, one each 1/rate seconds from the moment the host asks for the stream. Prints
+// "plugged TIME_NS", "commit WIDTH", "frame N TIME_NS" (CLOCK_MONOTONIC, when its last byte was taken) and "set UNIT
+// SELECTOR VALUE".
+#include <fcntl.h>
+#include <linux/usb/ch9.h>
+#include <linux/usb/gadgetfs.h>
+#include <unistd.h>
+
 #include <algorithm>
 #include <atomic>
 #include <cstdint>
@@ -19,11 +25,6 @@
 #include <string>
 #include <thread>
 #include <vector>
-
-#include <fcntl.h>
-#include <linux/usb/ch9.h>
-#include <linux/usb/gadgetfs.h>
-#include <unistd.h>
 
 namespace {
 
@@ -174,14 +175,13 @@ Bytes device_descriptor() {
 
 // One frame of the file in the size that the host chose; chroma is grey.
 Bytes image(int scale, const Bytes& grey) {
-  const int width = settings.width * scale, height = settings.height * scale;
+  const auto times = static_cast<size_t>(scale), source_width = static_cast<size_t>(settings.width);
+  const size_t width = source_width * times, height = static_cast<size_t>(settings.height) * times;
   const bool yuyv = settings.format->bits_per_pixel == 16;
   Bytes all(frame_bytes(scale), 128);
-  for (int y = 0; y < height; ++y) {
-    for (int x = 0; x < width; ++x) {
-      const size_t at = static_cast<size_t>(y) * static_cast<size_t>(width) + static_cast<size_t>(x);
-      all[yuyv ? 2 * at : at] = grey[static_cast<size_t>((y / scale) * settings.width + x / scale)];
-    }
+  for (size_t y = 0; y < height; ++y) {
+    for (size_t x = 0; x < width; ++x)
+      all[(y * width + x) * (yuyv ? 2 : 1)] = grey[y / times * source_width + x / times];
   }
   return all;
 }
@@ -192,7 +192,7 @@ void send(int endpoint, const Bytes& frame, bool broken, bool* toggle) {
     // A payload ends with a short packet.
     if (at + bytes == frame.size() && (bytes + kHeaderBytes) % 512 == 0) bytes -= 1;
     Bytes payload = {kHeaderBytes, static_cast<uint8_t>(0x80 | (*toggle ? 1 : 0))};
-    if (at + bytes == frame.size()) payload[1] |= 0x02;             // the frame's end
+    if (at + bytes == frame.size()) payload[1] |= 0x02;            // the frame's end
     if (broken && at + bytes == frame.size()) payload[1] |= 0x40;  // an error
     payload.insert(payload.end(), frame.begin() + static_cast<long>(at), frame.begin() + static_cast<long>(at + bytes));
     if (write(endpoint, payload.data(), payload.size()) < 0) fail("stream");
@@ -267,14 +267,29 @@ Bytes answer(const usb_ctrlrequest& setup) {
     if (control.unit != unit || control.selector != selector) continue;
     Bytes value;
     switch (setup.bRequest) {
-      case kCurrent: put(&value, static_cast<uint32_t>(control.value), control.bytes); break;
-      case kLowest: put(&value, static_cast<uint32_t>(control.lowest), control.bytes); break;
-      case kHighest: put(&value, static_cast<uint32_t>(control.highest), control.bytes); break;
-      case kInitial: put(&value, static_cast<uint32_t>(control.initial), control.bytes); break;
-      case kStep: put(&value, unit == kCamera && selector == 0x02 ? 9 : 1, control.bytes); break;  // modes: bits 1 and 8
-      case kLength: put(&value, control.bytes, 2); break;
-      case kInfo: put(&value, 3, 1); break;
-      default: break;
+      case kCurrent:
+        put(&value, static_cast<uint32_t>(control.value), control.bytes);
+        break;
+      case kLowest:
+        put(&value, static_cast<uint32_t>(control.lowest), control.bytes);
+        break;
+      case kHighest:
+        put(&value, static_cast<uint32_t>(control.highest), control.bytes);
+        break;
+      case kInitial:
+        put(&value, static_cast<uint32_t>(control.initial), control.bytes);
+        break;
+      case kStep:
+        put(&value, unit == kCamera && selector == 0x02 ? 9 : 1, control.bytes);
+        break;  // modes: bits 1 and 8
+      case kLength:
+        put(&value, control.bytes, 2);
+        break;
+      case kInfo:
+        put(&value, 3, 1);
+        break;
+      default:
+        break;
     }
     return value;
   }
@@ -338,12 +353,18 @@ void parse(int count, char** words) {
   for (int i = 1; i < count; ++i) {
     const std::string word = words[i];
     const char* value = i + 1 < count ? words[i + 1] : "";
-    if (word == "--width") settings.width = std::atoi(value);
-    else if (word == "--height") settings.height = std::atoi(value);
-    else if (word == "--rate") settings.rate_hz = std::atof(value);
-    else if (word == "--first") settings.first = std::atol(value);
-    else if (word == "--count") settings.count = std::atol(value);
-    else if (word == "--broken-every") settings.broken_every = std::atol(value);
+    if (word == "--width")
+      settings.width = std::atoi(value);
+    else if (word == "--height")
+      settings.height = std::atoi(value);
+    else if (word == "--rate")
+      settings.rate_hz = std::atof(value);
+    else if (word == "--first")
+      settings.first = std::atol(value);
+    else if (word == "--count")
+      settings.count = std::atol(value);
+    else if (word == "--broken-every")
+      settings.broken_every = std::atol(value);
     else if (word == "--format") {
       settings.format = std::find_if(std::begin(kFormats), std::end(kFormats),
                                      [&](const Format& format) { return std::string(value) == format.name; });
@@ -355,10 +376,12 @@ void parse(int count, char** words) {
     ++i;
   }
   if (settings.frames.empty()) {
-    std::puts("Usage: usb_camera [--width 320] [--height 240] [--rate 15] [--first N] [--count N] [--broken-every N]\n"
-              "       [--format YUYV|NV12|YU12|GREY] FILE\n"
-              "FILE: raw grey images. After the last one, or COUNT, the camera is pulled out. As root, with gadgetfs mounted\n"
-              "at /dev/gadget and the modules dummy_hcd and gadgetfs.");
+    std::puts(
+        "Usage: usb_camera [--width 320] [--height 240] [--rate 15] [--first N] [--count N] [--broken-every N]\n"
+        "       [--format YUYV|NV12|YU12|GREY] FILE\n"
+        "FILE: raw grey images. After the last one, or COUNT, the camera is pulled out. As root, with gadgetfs "
+        "mounted\n"
+        "at /dev/gadget and the modules dummy_hcd and gadgetfs.");
     std::exit(2);
   }
 }

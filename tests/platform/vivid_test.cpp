@@ -2,6 +2,7 @@
 // is the only camera: tests/platform/drivers.sh vivid.
 #include <dirent.h>
 #include <fcntl.h>
+#include <gtest/gtest.h>
 #include <linux/videodev2.h>
 #include <sys/ioctl.h>
 #include <unistd.h>
@@ -14,8 +15,6 @@
 #include <string>
 #include <vector>
 
-#include <gtest/gtest.h>
-
 #include "platform/camera/device_camera.h"
 #include "platform/camera/v4l2_device.h"
 
@@ -25,7 +24,7 @@ namespace {
 const char* const kNode = "/dev/video0";
 constexpr int64_t kSecond = 1'000'000'000;
 constexpr int64_t kLongest_ns = 2 * kSecond;  // that any fault may stop the frames or hide itself
-constexpr double kFps = 25;  // that vivid offers at 640x480
+constexpr double kFps = 25;                   // that vivid offers at 640x480
 
 // drivers/media/test-drivers/vivid/vivid-ctrls.c
 enum Control : uint32_t {
@@ -40,7 +39,7 @@ enum Control : uint32_t {
   kStreamonError = 0x00f0f045,
   kFatalError = 0x00f0f046,
 };
-constexpr int kGreyRamp = 20, kBlack = 5, kNoText = 2;
+constexpr int kGreyRamp = 20, kNoText = 2;
 
 int64_t now_ns() {
   timespec now{};
@@ -166,8 +165,7 @@ TEST_F(Vivid, AllFormatsGiveTheSameImage) {
       continue;
     }
     double worst = 0;
-    for (size_t i = 0; i < image.size(); ++i)
-      worst = std::max(worst, std::abs(16 + 219.0 / 255 * image[i] - first[i]));
+    for (size_t i = 0; i < image.size(); ++i) worst = std::max(worst, std::abs(16 + 219.0 / 255 * image[i] - first[i]));
     EXPECT_LT(worst, 1.87);
   }
 }
@@ -254,25 +252,16 @@ TEST_F(Vivid, AStartThatFailsIsToldAndTheNextOneWorks) {
   }
 }
 
-TEST_F(Vivid, ABufferThatIsNotTakenBackDoesNotStopTheFrames) {
+// There are four buffers: without giving the refused ones again there would be none left.
+TEST_F(Vivid, BuffersThatAreNotTakenBackDoNotStopTheFrames) {
   const std::unique_ptr<Camera> camera = open_camera();
   camera->start();
-  ASSERT_FALSE(next_image(*camera).empty());
-  set_control(kQbufError);
-  for (int i = 0; i < 10; ++i) ASSERT_FALSE(next_image(*camera).empty());
-  EXPECT_EQ(camera->status().unplugged, 0);
-}
-
-TEST_F(Vivid, WithoutAnyBufferItStartsAgain) {
-  const std::unique_ptr<Camera> camera = open_camera();
-  camera->start();
-  for (int i = 0; i < 3; ++i) {
+  for (int i = 0; i < 10; ++i) {
     ASSERT_FALSE(next_image(*camera).empty());
     set_control(kQbufError);
   }
-  ASSERT_FALSE(next_image(*camera).empty());
-  set_control(kQbufError);
-  expect_back(*camera);
+  for (int i = 0; i < 10; ++i) ASSERT_FALSE(next_image(*camera).empty());
+  EXPECT_EQ(camera->status().unplugged, 0);
 }
 
 TEST_F(Vivid, AStreamThatFailsIsToldAndComesBack) {
