@@ -66,7 +66,6 @@ int64_t monotonic_of(int64_t stamp_ns) {
 // One for the whole process: libcamera allows no more. Never stopped, as nothing of it may be used afterwards.
 lc::CameraManager& manager() {
   static lc::CameraManager* const started = [] {
-    lc::logSetLevel("*", "ERROR");
     auto* made = new lc::CameraManager();
     if (made->start() != 0) throw InputError("libcamera does not start");
     return made;

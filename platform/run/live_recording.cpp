@@ -260,7 +260,7 @@ class Words {
   }
   // A file in the folder, and nowhere else.
   std::string file(const std::string& before, const std::string& after) {
-    const std::string text = word();
+    std::string text = word();
     const bool framed = text.size() > before.size() + after.size() && text.rfind(before, 0) == 0 &&
                         text.compare(text.size() - after.size(), after.size(), after) == 0;
     const std::string middle =
