@@ -21,6 +21,7 @@ struct Command {
 Command add_sim(CLI::App& program, const std::string& command_line);
 Command add_replay(CLI::App& program, const std::string& command_line);
 Command add_readout(CLI::App& program);
+Command add_calibrate(CLI::App& program, const std::string& command_line);
 Command add_eval(CLI::App& program);
 Command add_map(CLI::App& program);
 

@@ -47,6 +47,7 @@ int run_program(int argc, char** argv) {
       "Examples:\n"
       "  pocket-ptam sim                                  a desk seen by the emulated phone\n"
       "  pocket-ptam replay clip.mp4 --fov 50             a video, with a guessed field of view\n"
+      "  pocket-ptam calibrate views/                     a camera, from views of a checkerboard\n"
       "  pocket-ptam eval trajectory.txt groundtruth.txt  compare two trajectories\n"
       "  pocket-ptam map info desk.map                    what is in a saved map\n"
       "Each command has its own --help.\n"
@@ -55,7 +56,7 @@ int run_program(int argc, char** argv) {
       "that breaks off, the second ends the program at once.");
   const std::string command_line = command_of(argc, argv);
   const std::vector<Command> commands = {add_sim(app, command_line), add_replay(app, command_line), add_readout(app),
-                                         add_eval(app), add_map(app)};
+                                         add_calibrate(app, command_line), add_eval(app), add_map(app)};
 
   try {
     app.parse(argc, argv);
@@ -76,7 +77,7 @@ int run_program(int argc, char** argv) {
   for (const Command& command : commands) {
     if (command.options->parsed()) return command.run();
   }
-  throw InputError("no command given: sim, replay, readout, eval or map; see pocket-ptam --help");
+  throw InputError("no command given: sim, replay, readout, calibrate, eval or map; see pocket-ptam --help");
 }
 
 int exit_code_of(int argc, char** argv) {

@@ -29,4 +29,10 @@ struct Knowledge {
 int run_and_write(platform::Camera& camera, const platform::RunOptions& run_options, const OutputOptions& output,
                   const Knowledge& knowledge, const std::string& command_line);
 
+// Adds all files that the recording is read from.
+void add_inputs(const platform::RecordingOptions& recording, Knowledge* knowledge);
+
+// The usual folder of results in out/: "desk, seed 3" -> "desk-seed-3".
+std::string folder_name(const std::string& name);
+
 }  // namespace pptam::app

@@ -1,0 +1,174 @@
+// A camera before a printed checkerboard, for tests: any lens of the core, a rolling shutter, motion blur, noise. Its
+// truth is known to a fraction of a thousandth of a pixel, because the board is drawn by formula and not by texture.
+//
+// A pixel is the mean of samples over its area and over its line's exposure, in linear light.
+#pragma once
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <functional>
+#include <vector>
+
+#include "platform/calibrate/board.h"
+#include "platform/camera.h"
+#include "sim_phone/random.h"
+
+namespace pptam::test {
+
+struct BoardCameraOptions {
+  CameraModel model;  // prepared
+  RollingShutter shutter;
+  double exposure_s = 0;
+  platform::Board board;
+  double rim = 1;       // white, round the board, in squares; the table beyond is grey
+  double aspect = 1;    // height of a square by its width
+  double noise = 2;     // standard deviation, of 255
+  double focus_px = 0;  // radius of the blur by the lens
+  uint64_t seed = 1;
+  double frames_per_s = 30;
+};
+
+class BoardCamera : public platform::Camera {
+ public:
+  // The board's coordinates (platform::Board::plane(), z away from who looks at it) to the camera's, at a time.
+  using Motion = std::function<Eigen::Isometry3d(double t_s)>;
+
+  BoardCamera(const BoardCameraOptions& options, Motion motion, int frames)
+      : options_(options), motion_(std::move(motion)), pixels_(pixel_count()) {
+    info_.model = options.model;
+    info_.shutter = options.shutter;
+    info_.exposure_s = static_cast<float>(options.exposure_s);
+    info_.frames_per_s = options.frames_per_s;
+    info_.frame_count = frames;
+    info_.name = "board, seed " + std::to_string(options.seed);
+    sim::Random random(options.seed, 77);
+    for (int y = 0; y < info_.model.height; ++y) {
+      for (int x = 0; x < info_.model.width; ++x) {
+        for (int k = 0; k < kSamples; ++k) {
+          const double spread = 1 + 2 * options.focus_px;
+          const Vector2f px(static_cast<float>(x + spread * ((k % 4 + random.uniform(0, 1)) / 4 - 0.5)),
+                            static_cast<float>(y + spread * ((k / 4 + random.uniform(0, 1)) / 4 - 0.5)));
+          rays_.push_back(info_.model.unproject(px));
+        }
+      }
+    }
+  }
+
+  const platform::CameraInfo& info() const override { return info_; }
+
+  bool read(Frame* frame) override {
+    if (next_ == *info_.frame_count) return false;
+    const double t_s = next_ / options_.frames_per_s;
+    render(t_s);
+    *frame = {pixels_.data(), info_.model.width, info_.model.height, info_.model.width, PixelFormat::kGrey,
+              std::llround(1e9 * t_s)};
+    ++next_;
+    return true;
+  }
+
+ private:
+  static constexpr int kSamples = 16;  // of a pixel: four by four, each at a time of its own
+  static constexpr double kPaper = 0.80, kInk = 0.05, kTable = 0.25;
+
+  size_t pixel_count() const {
+    return static_cast<size_t>(options_.model.width) * static_cast<size_t>(options_.model.height);
+  }
+
+  // Light from where the ray meets the board's plane.
+  double light(const Eigen::Matrix3d& H, const Vector2f& ray) const {
+    const Eigen::Vector3d p = H * Eigen::Vector3d(static_cast<double>(ray.x()), static_cast<double>(ray.y()), 1);
+    const double x = p.x() / p.z() + 0.5 * options_.board.columns;
+    const double y = p.y() / p.z() / options_.aspect + 0.5 * options_.board.rows;
+    const double rim = options_.rim;
+    if (!(p.z() > 0) || x < -rim || y < -rim || x > options_.board.columns + rim || y > options_.board.rows + rim)
+      return kTable;
+    if (x < 0 || y < 0 || x > options_.board.columns || y > options_.board.rows) return kPaper;
+    return (static_cast<int>(x) + static_cast<int>(y)) % 2 == 0 ? kInk : kPaper;
+  }
+
+  // Rays to the board's plane: (x, y, 1) up to scale. The inverse of [r1 r2 t].
+  Eigen::Matrix3d to_board(double t_s) const {
+    const Eigen::Isometry3d T = motion_(t_s);
+    Eigen::Matrix3d H;
+    H << T.linear().col(0), T.linear().col(1), T.translation();
+    return H.inverse();
+  }
+
+  void render(double t_s) {
+    const CameraModel& m = info_.model;
+    const bool columns = options_.shutter.axis == RollingShutter::Axis::kColumns;
+    const int lines = columns ? m.width : m.height;
+    std::vector<Eigen::Matrix3d> planes;  // of each line, at each sample's time
+    for (int line = 0; line < lines; ++line) {
+      const double line_s = (line - 0.5 * (lines - 1)) * static_cast<double>(options_.shutter.line_time_s);
+      for (int k = 0; k < kSamples; ++k)
+        planes.push_back(to_board(t_s + line_s + options_.exposure_s * ((kOrder[k] + 0.5) / kSamples - 0.5)));
+    }
+    sim::Random random(options_.seed, 5000 + static_cast<uint64_t>(next_));
+    for (size_t i = 0; i < pixels_.size(); ++i) {
+      const size_t width = static_cast<size_t>(m.width);
+      const size_t line = columns ? i % width : i / width;
+      double sum = 0;
+      for (size_t k = 0; k < kSamples; ++k) sum += light(planes[line * kSamples + k], rays_[i * kSamples + k]) / kSamples;
+      double gaussian = -2;
+      for (int n = 0; n < 4; ++n) gaussian += random.uniform(0, 1);
+      const double grey = 255 * std::pow(sum, 1 / 2.2) + options_.noise * std::sqrt(3.0) * gaussian;
+      pixels_[i] = static_cast<uint8_t>(std::clamp(grey + 0.5, 0.0, 255.0));
+    }
+  }
+
+  static constexpr int kOrder[kSamples] = {0, 8, 2, 10, 12, 4, 14, 6, 3, 11, 1, 9, 15, 7, 13, 5};  // times across an area
+
+  BoardCameraOptions options_;
+  Motion motion_;
+  platform::CameraInfo info_;
+  std::vector<Vector2f> rays_;  // of all samples, pixel by pixel
+  std::vector<uint8_t> pixels_;
+  int next_ = 0;
+};
+
+// Poses that a careful person takes: the board in every part of the image, near, tilted and turned. One a frame.
+class CarefulViews {
+ public:
+  CarefulViews(const CameraModel& model, const platform::Board& board, uint64_t seed, double frames_per_s)
+      : model_(model), board_(board), seed_(seed), frames_per_s_(frames_per_s) {}
+
+  Eigen::Isometry3d operator()(double t_s) const {
+    const int view = static_cast<int>(std::lround(t_s * frames_per_s_));
+    sim::Random random(seed_, 100 + static_cast<uint64_t>(view));
+    for (double shrink = 1;; shrink *= 0.97) {  // until the whole board is in view
+      const double tilt = random.uniform(0.2, 0.7), towards = 2 * M_PI * (view * 0.618 + random.uniform(-0.1, 0.1));
+      const double roll = random.uniform(-0.4, 0.4) + (view % 5 == 4 ? M_PI / 2 : 0);
+      Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
+      T.linear() = (Eigen::AngleAxisd(tilt, Eigen::Vector3d(std::cos(towards), std::sin(towards), 0)) *
+                    Eigen::AngleAxisd(roll, Eigen::Vector3d::UnitZ()))
+                       .toRotationMatrix();
+      const double share = random.uniform(0.45, 0.75) * shrink;  // of the image's width
+      const double z = board_.columns * static_cast<double>(model_.fx) / (share * model_.width);
+      // Nine places over the image, as far out as fits.
+      const Vector2f px(static_cast<float>(model_.width * (0.5 + (view % 3 - 1) * random.uniform(0.1, 0.3))),
+                        static_cast<float>(model_.height * (0.5 + (view / 3 % 3 - 1) * random.uniform(0.1, 0.3))));
+      T.translation() = z * model_.unproject(px).homogeneous().cast<double>();
+      if (in_view(T)) return T;
+    }
+  }
+
+ private:
+  bool in_view(const Eigen::Isometry3d& T) const {
+    for (int i = 0; i < 4; ++i) {
+      const Eigen::Vector3d corner((i % 2 - 0.5) * (board_.columns + 0.6), (i / 2 - 0.5) * (board_.rows + 0.6), 0);
+      Vector2f px;
+      if (!model_.project((T * corner).cast<float>(), &px) || !model_.in_image(px, 0)) return false;
+    }
+    return true;
+  }
+
+  CameraModel model_;
+  platform::Board board_;
+  uint64_t seed_;
+  double frames_per_s_;
+};
+
+}  // namespace pptam::test
