@@ -131,10 +131,8 @@ void add_lens_rows(const LensFit& fit, std::vector<SummaryRow>* rows) {
   rows->push_back({"distortion", joined(coeffs)});
   rows->push_back({"residuals", format("%.3f px rms of %zu corners", fit.rms_px,
                                        fit.views.size() * fit.views.front().corners.size())});
-  if (fit.halves_px) {
-    rows->push_back({"repeatability", format("the lenses of the two halves of the views differ by at most %.2f px",
-                                             *fit.halves_px)});
-  }
+  if (fit.uncertain_px)
+    rows->push_back({"uncertainty", format("no pixel off by more than about %.2f px", *fit.uncertain_px)});
 }
 
 void calibrate_lens(platform::Camera& camera, const CalibrateChoice& chosen, Calibrated* result) {

@@ -22,8 +22,9 @@ constexpr double kMaxRms_px = 3;           // likewise, before it is refused
 constexpr double kUsualWidth = 640;
 constexpr double kOutlierRatio = 3;        // of a view's rms to the median
 constexpr double kOutlierFloor_px = 0.3;   // below this a view is as good as any
-constexpr double kWorthMoreTerms = 0.9;    // of the simpler lens' rms
-constexpr double kGoodHalves_px = 1;       // largest difference, before it is told
+constexpr double kWorthATerm = 20;         // fall of -2 log likelihood, for a coefficient more or another lens
+constexpr double kGoodUncertain_px = 1;    // before it is told
+constexpr size_t kFolds = 5;               // of the jackknife
 
 std::vector<std::vector<Vector2d>> corners_of(const std::vector<BoardView>& views) {
   std::vector<std::vector<Vector2d>> corners;
@@ -75,7 +76,7 @@ bool solve(const std::vector<Vector2d>& plane, const std::vector<BoardView>& vie
   return true;
 }
 
-// The first whose rms is hardly larger than the best one's.
+// The one that fits best, the normal lens unless another is better by more than chance.
 LensFit solve_simplest(const std::vector<Vector2d>& plane, const std::vector<BoardView>& views,
                        const BoardVision& vision, int width, int height, std::optional<LensKind> kind) {
   std::vector<LensFit> fits;
@@ -95,12 +96,15 @@ LensFit solve_simplest(const std::vector<Vector2d>& plane, const std::vector<Boa
     throw InputError("no lens was found: " + trouble +
                      "; add views from other sides, with the board all over the image, or try another --lens");
   }
-  double best = fits.front().rms_px;
-  for (const LensFit& fit : fits) best = std::min(best, fit.rms_px);
-  for (LensFit& fit : fits) {
-    if (kWorthMoreTerms * fit.rms_px <= best) return std::move(fit);
-  }
-  return std::move(fits.front());
+  // Where the board was not seen the lenses differ by pixels, though they hardly do where it was: even a small gain
+  // that cannot be chance decides.
+  const auto badness = [](const LensFit& fit) {
+    const double numbers = 2 * static_cast<double>(fit.views.size() * fit.views.front().corners.size());
+    return numbers * std::log(fit.rms_px * fit.rms_px) + (fit.solution.kind == LensKind::kNormal ? 0 : kWorthATerm);
+  };
+  return std::move(*std::min_element(fits.begin(), fits.end(), [&](const LensFit& a, const LensFit& b) {
+    return badness(a) < badness(b);
+  }));
 }
 
 // Before anything is solved: what makes every solution worthless.
@@ -163,28 +167,32 @@ void judge(const std::vector<BoardView>& views, LensFit* fit) {
     fit->warnings.push_back(format("only %zu views: %zu or more make a calibration reliable", views.size(),
                                    kWantedViews));
   }
-  if (fit->halves_px && *fit->halves_px > kGoodHalves_px * scale) {
-    fit->warnings.push_back(format("the two halves of the views give lenses that differ by up to %.1f px: add views "
-                                   "where the board was hardly seen",
-                                   *fit->halves_px));
+  if (fit->uncertain_px && *fit->uncertain_px > kGoodUncertain_px * scale) {
+    fit->warnings.push_back(format("somewhere in the image the lens is uncertain by %.1f px: add views where the board "
+                                   "was hardly seen",
+                                   *fit->uncertain_px));
   }
 }
 
-std::optional<double> compare_halves(const std::vector<Vector2d>& plane, const LensFit& fit,
+std::optional<double> uncertainty_of(const std::vector<Vector2d>& plane, const LensFit& fit,
                                      const BoardVision& vision) {
-  if (fit.views.size() < 2 * kMinViews) return std::nullopt;
-  CameraModel models[2];
-  for (size_t half = 0; half < 2; ++half) {
+  if (fit.views.size() < kFolds + kMinViews) return std::nullopt;
+  double squares = 0;
+  for (size_t fold = 0; fold < kFolds; ++fold) {
     std::vector<BoardView> views;
-    for (size_t i = half; i < fit.views.size(); i += 2) views.push_back(fit.views[i]);
+    for (size_t i = 0; i < fit.views.size(); ++i) {
+      if (i % kFolds != fold) views.push_back(fit.views[i]);
+    }
     const LensSolution solution =
         vision.solve(fit.model.width, fit.model.height, plane, corners_of(views), fit.solution.kind);
     if (!solution.trouble.empty()) return std::nullopt;
-    models[half] = model_of(solution, fit.model.width, fit.model.height);
-    if (!models[half].validate().ok()) return std::nullopt;
-    models[half].prepare();
+    CameraModel model = model_of(solution, fit.model.width, fit.model.height);
+    if (!model.validate().ok()) return std::nullopt;
+    model.prepare();
+    const double difference = largest_difference_px(model, fit.model);
+    squares += difference * difference;
   }
-  return largest_difference_px(models[0], models[1]);
+  return std::sqrt(squares * (kFolds - 1) / kFolds);
 }
 
 }  // namespace
@@ -263,7 +271,7 @@ LensFit fit_lens(const Board& board, int width, int height, std::vector<BoardVie
                             "changed, or the image stabilised?",
                             fit.views.size(), views.size()));
   }
-  fit.halves_px = compare_halves(plane, fit, vision);
+  fit.uncertain_px = uncertainty_of(plane, fit, vision);
   judge(fit.views, &fit);
   return fit;
 }

@@ -17,9 +17,9 @@ struct LensFit {
   std::vector<int> left_out;                     // frames of views that do not fit the others
   double rms_px = 0;                             // over both coordinates, as OpenCV tells it
   std::vector<double> view_rms_px;               // likewise, of each view
-  // The largest distance over the image between the lenses that either half of the views gives, once a turn of the
-  // camera has taken up what it can; nothing: too few views to halve.
-  std::optional<double> halves_px;
+  // By how much a pixel of the image may be off, at most, once a turn of the camera has taken up what it can: from the
+  // lenses that four fifths of the views give (jackknife). Nothing: too few views.
+  std::optional<double> uncertain_px;
   std::vector<std::string> warnings;  // each with its remedy
 };
 

@@ -50,7 +50,7 @@ struct Calibrating {
 };
 
 Calibrating views_of(const BoardCameraOptions& options, const Board& board, int views = kViews) {
-  BoardCamera camera(options, CarefulViews(options.model, options.board, options.seed, options.frames_per_s), views);
+  BoardCamera camera(options, CarefulViews(options.model, options.board, options.seed, options.frames_per_s, views), views);
   Calibrating c;
   c.found = look_for_board(camera, board, board_vision(PPTAM_OPENCV_MODULE), {}, [](const BoardViews&) { return true; });
   c.views = choose_views(c.found, 40, &c.blurred);
@@ -79,12 +79,13 @@ TEST_P(Lens, ComesFromTwentyViews) {
     BoardCameraOptions options;
     options.model = lens_named(GetParam());
     options.seed = seed;
+    if (getenv("NOISE")) options.noise = atof(getenv("NOISE"));
     const Calibrating c = views_of(options, options.board);
     ASSERT_GE(c.views.size(), 18u) << c.found.without_board << " without board, " << c.blurred << " blurred";
     const LensFit fit = fit_of(c, options.board);
     const LensErrors e = errors_of(fit.model, options.model);
-    std::printf("%s seed %d: views %zu lens %s rms %.3f px; focal %.3f %%, centre %.2f px, any pixel %.3f px, halves %.2f\n", GetParam(),
-                static_cast<int>(seed), fit.views.size(), name_of(fit.solution.kind), fit.rms_px, 100 * e.focal, e.centre_px, e.pixel_px, fit.halves_px.value_or(-1));
+    std::printf("%s seed %d: views %zu lens %s rms %.3f px; focal %.3f %%, centre %.2f px, any pixel %.3f px, uncertain %.2f\n", GetParam(),
+                static_cast<int>(seed), fit.views.size(), name_of(fit.solution.kind), fit.rms_px, 100 * e.focal, e.centre_px, e.pixel_px, fit.uncertain_px.value_or(-1));
     EXPECT_TRUE(good(e));
     worst.focal = std::max(worst.focal, e.focal);
     worst.centre_px = std::max(worst.centre_px, e.centre_px);
@@ -103,6 +104,6 @@ TEST_P(Lens, ComesFromTwentyViews) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Kinds, Lens, ::testing::Values("pinhole", "barrel", "wide", "fisheye"),
-                         [](const auto& info) { return std::string(info.param); });
+                         [](const auto& kind) { return std::string(kind.param); });
 
 }  // namespace

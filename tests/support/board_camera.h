@@ -43,15 +43,12 @@ class BoardCamera : public platform::Camera {
     info_.frames_per_s = options.frames_per_s;
     info_.frame_count = frames;
     info_.name = "board, seed " + std::to_string(options.seed);
-    sim::Random random(options.seed, 77);
     for (int y = 0; y < info_.model.height; ++y) {
       for (int x = 0; x < info_.model.width; ++x) {
-        for (int k = 0; k < kSamples; ++k) {
-          const double spread = 1 + 2 * options.focus_px;
-          const Vector2f px(static_cast<float>(x + spread * ((k % 4 + random.uniform(0, 1)) / 4 - 0.5)),
-                            static_cast<float>(y + spread * ((k / 4 + random.uniform(0, 1)) / 4 - 0.5)));
-          rays_.push_back(info_.model.unproject(px));
-        }
+        const auto at = [&](float dx, float dy) {
+          return info_.model.unproject(Vector2f(static_cast<float>(x) + dx, static_cast<float>(y) + dy)).cast<double>();
+        };
+        rays_.push_back({at(0, 0), at(0.5f, 0) - at(-0.5f, 0), at(0, 0.5f) - at(0, -0.5f)});
       }
     }
   }
@@ -69,16 +66,20 @@ class BoardCamera : public platform::Camera {
   }
 
  private:
-  static constexpr int kSamples = 16;  // of a pixel: four by four, each at a time of its own
-  static constexpr double kPaper = 0.80, kInk = 0.05, kTable = 0.25;
+  static constexpr int kSamples = 64;  // of a pixel: eight by eight, each at a time of its own
+  static constexpr double kPaper = 0.75, kInk = 0.0625, kTable = 0.25;  // sums of four are exact
 
   size_t pixel_count() const {
     return static_cast<size_t>(options_.model.width) * static_cast<size_t>(options_.model.height);
   }
 
+  struct Ray {
+    Eigen::Vector2d centre, across, down;  // (x/z, y/z) of the pixel's middle, and how it changes over the pixel
+  };
+
   // Light from where the ray meets the board's plane.
-  double light(const Eigen::Matrix3d& H, const Vector2f& ray) const {
-    const Eigen::Vector3d p = H * Eigen::Vector3d(static_cast<double>(ray.x()), static_cast<double>(ray.y()), 1);
+  double light(const Eigen::Matrix3d& H, const Eigen::Vector2d& ray) const {
+    const Eigen::Vector3d p = H * ray.homogeneous();
     const double x = p.x() / p.z() + 0.5 * options_.board.columns;
     const double y = p.y() / p.z() / options_.aspect + 0.5 * options_.board.rows;
     const double rim = options_.rim;
@@ -104,14 +105,25 @@ class BoardCamera : public platform::Camera {
     for (int line = 0; line < lines; ++line) {
       const double line_s = (line - 0.5 * (lines - 1)) * static_cast<double>(options_.shutter.line_time_s);
       for (int k = 0; k < kSamples; ++k)
-        planes.push_back(to_board(t_s + line_s + options_.exposure_s * ((kOrder[k] + 0.5) / kSamples - 0.5)));
+        planes.push_back(to_board(t_s + line_s + options_.exposure_s * ((k * 37 % kSamples + 0.5) / kSamples - 0.5)));
     }
     sim::Random random(options_.seed, 5000 + static_cast<uint64_t>(next_));
     for (size_t i = 0; i < pixels_.size(); ++i) {
       const size_t width = static_cast<size_t>(m.width);
       const size_t line = columns ? i % width : i / width;
-      double sum = 0;
-      for (size_t k = 0; k < kSamples; ++k) sum += light(planes[line * kSamples + k], rays_[i * kSamples + k]) / kSamples;
+      const double spread = 1 + 2 * options_.focus_px;
+      const auto at = [&](int k, double x, double y) {
+        return light(planes[line * kSamples + static_cast<size_t>(k)],
+                     rays_[i].centre + spread * x * rays_[i].across + spread * y * rays_[i].down);
+      };
+      const int last = kSamples - 1;
+      double sum = 0.25 * (at(0, -0.5, -0.5) + at(last, 0.5, -0.5) + at(last, -0.5, 0.5) + at(0, 0.5, 0.5));
+      if (sum != kPaper && sum != kInk && sum != kTable) {  // an edge
+        sum = 0;
+        for (int k = 0; k < kSamples; ++k) {
+          sum += at(k, (k % 8 + random.uniform(0, 1)) / 8 - 0.5, (k / 8 + random.uniform(0, 1)) / 8 - 0.5) / kSamples;
+        }
+      }
       double gaussian = -2;
       for (int n = 0; n < 4; ++n) gaussian += random.uniform(0, 1);
       const double grey = 255 * std::pow(sum, 1 / 2.2) + options_.noise * std::sqrt(3.0) * gaussian;
@@ -119,12 +131,10 @@ class BoardCamera : public platform::Camera {
     }
   }
 
-  static constexpr int kOrder[kSamples] = {0, 8, 2, 10, 12, 4, 14, 6, 3, 11, 1, 9, 15, 7, 13, 5};  // times across an area
-
   BoardCameraOptions options_;
   Motion motion_;
   platform::CameraInfo info_;
-  std::vector<Vector2f> rays_;  // of all samples, pixel by pixel
+  std::vector<Ray> rays_;
   std::vector<uint8_t> pixels_;
   int next_ = 0;
 };
@@ -132,30 +142,36 @@ class BoardCamera : public platform::Camera {
 // Poses that a careful person takes: the board in every part of the image, near, tilted and turned. One a frame.
 class CarefulViews {
  public:
-  CarefulViews(const CameraModel& model, const platform::Board& board, uint64_t seed, double frames_per_s)
-      : model_(model), board_(board), seed_(seed), frames_per_s_(frames_per_s) {}
+  CarefulViews(const CameraModel& model, const platform::Board& board, uint64_t seed, double frames_per_s, int views)
+      : model_(model), board_(board), frames_per_s_(frames_per_s) {
+    for (int view = 0; view < views; ++view) poses_.push_back(pose_of(view, seed));
+  }
 
   Eigen::Isometry3d operator()(double t_s) const {
-    const int view = static_cast<int>(std::lround(t_s * frames_per_s_));
-    sim::Random random(seed_, 100 + static_cast<uint64_t>(view));
-    for (double shrink = 1;; shrink *= 0.97) {  // until the whole board is in view
+    const auto view = std::clamp<long>(std::lround(t_s * frames_per_s_), 0, static_cast<long>(poses_.size()) - 1);
+    return poses_[static_cast<size_t>(view)];
+  }
+
+ private:
+  Eigen::Isometry3d pose_of(int view, uint64_t seed) const {
+    sim::Random random(seed, 100 + static_cast<uint64_t>(view));
+    for (double share = random.uniform(0.5, 0.8);; share *= 0.95) {  // of the image's width, by the board
       const double tilt = random.uniform(0.2, 0.7), towards = 2 * M_PI * (view * 0.618 + random.uniform(-0.1, 0.1));
-      const double roll = random.uniform(-0.4, 0.4) + (view % 5 == 4 ? M_PI / 2 : 0);
+      const double roll = random.uniform(-0.3, 0.3) + (view % 5 == 4 ? M_PI / 2 : 0);
       Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
       T.linear() = (Eigen::AngleAxisd(tilt, Eigen::Vector3d(std::cos(towards), std::sin(towards), 0)) *
                     Eigen::AngleAxisd(roll, Eigen::Vector3d::UnitZ()))
                        .toRotationMatrix();
-      const double share = random.uniform(0.45, 0.75) * shrink;  // of the image's width
       const double z = board_.columns * static_cast<double>(model_.fx) / (share * model_.width);
-      // Nine places over the image, as far out as fits.
-      const Vector2f px(static_cast<float>(model_.width * (0.5 + (view % 3 - 1) * random.uniform(0.1, 0.3))),
-                        static_cast<float>(model_.height * (0.5 + (view / 3 % 3 - 1) * random.uniform(0.1, 0.3))));
-      T.translation() = z * model_.unproject(px).homogeneous().cast<double>();
-      if (in_view(T)) return T;
+      for (double out = 0.45; out > 0.02; out -= 0.02) {  // nine places over the image, as far out as fits
+        const Vector2f px(static_cast<float>(model_.width * (0.5 + (view % 3 - 1) * out)),
+                          static_cast<float>(model_.height * (0.5 + (view / 3 % 3 - 1) * out)));
+        T.translation() = z * model_.unproject(px).homogeneous().cast<double>();
+        if (in_view(T)) return T;
+      }
     }
   }
 
- private:
   bool in_view(const Eigen::Isometry3d& T) const {
     for (int i = 0; i < 4; ++i) {
       const Eigen::Vector3d corner((i % 2 - 0.5) * (board_.columns + 0.6), (i / 2 - 0.5) * (board_.rows + 0.6), 0);
@@ -167,8 +183,8 @@ class CarefulViews {
 
   CameraModel model_;
   platform::Board board_;
-  uint64_t seed_;
   double frames_per_s_;
+  std::vector<Eigen::Isometry3d> poses_;
 };
 
 }  // namespace pptam::test

@@ -24,12 +24,12 @@ inline CameraModel lens_named(const std::string& name) {
     m.coeffs[0] = a, m.coeffs[1] = b, m.coeffs[2] = c, m.coeffs[3] = d, m.coeffs[4] = e;
   };
   if (name == "barrel") distort(Distortion::kRadTan, -0.28f, 0.09f, 0.0008f, -0.0005f, 0);
-  if (name == "wide") {  // of an action camera: 100 degrees across
-    m.fx = 250, m.fy = 250.5f;
-    distort(Distortion::kRadTan, -0.30f, 0.12f, 0.0003f, 0.0004f, -0.023f);
+  if (name == "wide") {  // 86 degrees across
+    m.fx = 300, m.fy = 300.5f;
+    distort(Distortion::kRadTan, -0.22f, 0.06f, 0.0003f, 0.0004f, -0.008f);
   }
-  if (name == "fisheye") {  // 130 degrees across
-    m.fx = 215, m.fy = 215.5f;
+  if (name == "fisheye") {  // 115 degrees across
+    m.fx = 240, m.fy = 240.5f;
     distort(Distortion::kEquidistant, 0.03f, -0.01f, 0.004f, -0.001f, 0);
   }
   m.prepare();

@@ -1,5 +1,6 @@
 // The module pocket-ptam-opencv.so: platform/calibrate/board_vision.h by OpenCV.
 
+#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 #include <opencv2/calib3d.hpp>
@@ -13,9 +14,10 @@ namespace pptam::platform {
 namespace {
 
 constexpr int kSearchSide_px = 1000;    // longer side of the image in which boards are sought: more costs time only
-constexpr double kWindowShare = 0.35;   // of the distance between corners: a corner's window holds no other corner
+constexpr double kWindowShare = 0.45;   // of the distance between corners: a corner's window holds no other corner
 constexpr int kMinWindow_px = 2;        // half sides of that window
 constexpr int kMaxWindow_px = 15;
+constexpr double kSoftness_px = 1.0;    // of a blur before corners are centred: between pixels the image is smooth then
 constexpr double kMaxBoardRatio = 3.0;  // between neighbouring distances of corners, else it is no board
 
 cv::Mat as_mat(const GreyView& image) {
@@ -46,6 +48,52 @@ bool is_regular(const std::vector<cv::Point2f>& corners, int across) {
     if (i + 2 * row < corners.size() && !smooth(i, i + row, i + 2 * row)) return false;
   }
   return true;
+}
+
+double sample_at(const cv::Mat& image, double x, double y) {
+  const int ix = std::clamp(static_cast<int>(x), 0, image.cols - 2), iy = std::clamp(static_cast<int>(y), 0, image.rows - 2);
+  const double fx = x - ix, fy = y - iy;
+  const float* const top = image.ptr<float>(iy) + ix;
+  const float* const bottom = image.ptr<float>(iy + 1) + ix;
+  return (1 - fy) * ((1 - fx) * static_cast<double>(top[0]) + fx * static_cast<double>(top[1])) +
+         fy * ((1 - fx) * static_cast<double>(bottom[0]) + fx * static_cast<double>(bottom[1]));
+}
+
+// Moves a corner to where the image round it is most alike to itself turned by 180 degrees, which holds for a corner of
+// the board under any tilt, blur and gamma: least squares of I(q + d) - I(q - d) over a round window. What the light
+// changes across the window, P (a d) with P the mean of both, is solved for besides. image: floats.
+void centre_corner(const cv::Mat& image, double radius, cv::Point2f* corner) {
+  constexpr int kSteps = 8;
+  constexpr double kFarthest_px = 1;  // from the start: beyond, something else was found
+  Vector2d q(static_cast<double>(corner->x), static_cast<double>(corner->y));
+  const Vector2d start = q;
+  const int reach = static_cast<int>(radius);
+  for (int step = 0; step < kSteps; ++step) {
+    Eigen::Matrix4d A = Eigen::Matrix4d::Zero();
+    Eigen::Vector4d b = Eigen::Vector4d::Zero();
+    for (int y = 0; y <= reach; ++y) {  // half of the window: the other half is the same pairs
+      for (int x = y == 0 ? 1 : -reach; x <= reach; ++x) {
+        const double distance_sq = x * x + y * y;
+        if (distance_sq > radius * radius) continue;
+        const double ahead = sample_at(image, q.x() + x, q.y() + y), behind = sample_at(image, q.x() - x, q.y() - y);
+        const auto slope = [&](double dx, double dy) {
+          return 0.5 * (sample_at(image, q.x() + x + dx, q.y() + y + dy) - sample_at(image, q.x() + x - dx, q.y() + y - dy) -
+                        sample_at(image, q.x() - x + dx, q.y() - y + dy) + sample_at(image, q.x() - x - dx, q.y() - y - dy));
+        };
+        const double mean = 0.5 * (ahead + behind);
+        const Eigen::Vector4d row(slope(1, 0), slope(0, 1), mean * x / radius, mean * y / radius);
+        const double weight = std::exp(-2 * distance_sq / (radius * radius));
+        A += weight * row * row.transpose();
+        b -= weight * row * (ahead - behind);
+      }
+    }
+    const Vector2d move = A.ldlt().solve(b).head<2>();
+    if (!move.allFinite()) return;
+    q += move;
+    if ((q - start).norm() > kFarthest_px) return;
+    if (move.norm() < 1e-4) break;
+  }
+  *corner = {static_cast<float>(q.x()), static_cast<float>(q.y())};
 }
 
 class OpenCvVision : public BoardVision {
@@ -104,7 +152,7 @@ class OpenCvVision : public BoardVision {
     std::vector<cv::Point2f> found;
     const int flags = cv::CALIB_CB_ADAPTIVE_THRESH | cv::CALIB_CB_NORMALIZE_IMAGE;
     if (!cv::findChessboardCorners(small, size, found, flags | cv::CALIB_CB_FAST_CHECK) &&
-        !(thorough && cv::findChessboardCorners(small, size, found, flags)))
+        !(thorough && cv::findChessboardCornersSB(small, size, found, cv::CALIB_CB_NORMALIZE_IMAGE)))
       return false;
     const double scale_x = static_cast<double>(image.cols) / small.cols;
     const double scale_y = static_cast<double>(image.rows) / small.rows;
@@ -116,6 +164,10 @@ class OpenCvVision : public BoardVision {
                                   kMaxWindow_px);
     cv::cornerSubPix(image, found, {window, window}, {-1, -1},
                      {cv::TermCriteria::EPS | cv::TermCriteria::COUNT, 60, 0.001});
+    cv::Mat soft;
+    image.convertTo(soft, CV_32F);
+    cv::GaussianBlur(soft, soft, {0, 0}, kSoftness_px);
+    for (cv::Point2f& corner : found) centre_corner(soft, window, &corner);
     if (!is_regular(found, size.width)) return false;
     corners->clear();
     for (const cv::Point2f& corner : found) corners->emplace_back(corner.x, corner.y);
