@@ -264,8 +264,7 @@ int calibrate(const CalibrateChoice& chosen, const std::string& command_line) {
   if (!chosen.source.empty()) views = open_images_of(chosen, chosen.source, "", false, &knowledge);
   if (!chosen.moving.empty()) moving = open_images_of(chosen, chosen.moving, chosen.calibration, true, &knowledge);
   const std::string name = (views ? views : moving)->info().name;
-  const std::filesystem::path place =
-      chosen.out.empty() ? std::filesystem::path("out") / ("calibration-" + folder_name(name)) : chosen.out;
+  const std::filesystem::path place(chosen.out.empty() ? "out/calibration-" + folder_name(name) : chosen.out);
   for (const std::filesystem::path& images : knowledge.image_folders) {
     if (same_place(images, place))
       throw InputError("--out " + place.string() + ": the images are there, name another folder");

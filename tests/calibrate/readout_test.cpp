@@ -89,4 +89,33 @@ TEST_F(Readout, ComesFromAMovingClip) {
   std::printf("worst %.2f ms\n", 1000 * worst_s);
 }
 
+// A camera that hardly moves tells nothing, and that is said.
+TEST_F(Readout, StillClipCannotTell) {
+  ClipOptions o;
+  o.speed = 0.005;
+  BoardCameraOptions options;
+  const BoardViews clip = clip_of(o, &options);
+  const ReadoutFit fit = fit_readout(options.board, clip, options.model, "both");
+  std::printf("still: %+.1f +- %.2f ms at %.1f px/s: %s\n", 1000 * fit.readout_s, 1000 * fit.sigma_s, fit.speed_px_s, fit.trouble.c_str());
+  EXPECT_NE(fit.trouble.find("cannot tell"), std::string::npos) << fit.trouble;
+}
+
+TEST_F(Readout, GlobalShutterIsZero) {
+  ClipOptions o;
+  o.readout_s = 0;
+  BoardCameraOptions options;
+  const BoardViews clip = clip_of(o, &options);
+  const ReadoutFit fit = fit_readout(options.board, clip, options.model, "both");
+  EXPECT_EQ(fit.trouble, "");
+  EXPECT_NEAR(fit.readout_s, 0, 0.0005);
+}
+
+TEST_F(Readout, TooFewFramesAreRefused) {
+  ClipOptions o;
+  o.frames = 12;
+  BoardCameraOptions options;
+  const BoardViews clip = clip_of(o, &options);
+  EXPECT_NE(fit_readout(options.board, clip, options.model, "both").trouble.find("too few frames"), std::string::npos);
+}
+
 }  // namespace

@@ -67,7 +67,9 @@ class BoardCamera : public platform::Camera {
 
  private:
   static constexpr int kSamples = 64;  // of a pixel: eight by eight, each at a time of its own
-  static constexpr double kPaper = 0.75, kInk = 0.0625, kTable = 0.25;  // sums of four are exact
+  static constexpr int kStride = 37;  // between the times of neighbouring samples, in 64ths of the exposure
+  static constexpr int kFirst = 0, kLast = 19;  // samples at the exposure's ends: 19 * 37 = 63 modulo 64
+  static constexpr double kPaper = 0.75, kInk = 0.0625, kTable = 0.25;  // sums of eight are exact
 
   size_t pixel_count() const {
     return static_cast<size_t>(options_.model.width) * static_cast<size_t>(options_.model.height);
@@ -105,7 +107,7 @@ class BoardCamera : public platform::Camera {
     for (int line = 0; line < lines; ++line) {
       const double line_s = (line - 0.5 * (lines - 1)) * static_cast<double>(options_.shutter.line_time_s);
       for (int k = 0; k < kSamples; ++k)
-        planes.push_back(to_board(t_s + line_s + options_.exposure_s * ((k * 37 % kSamples + 0.5) / kSamples - 0.5)));
+        planes.push_back(to_board(t_s + line_s + options_.exposure_s * ((k * kStride % kSamples + 0.5) / kSamples - 0.5)));
     }
     sim::Random random(options_.seed, 5000 + static_cast<uint64_t>(next_));
     for (size_t i = 0; i < pixels_.size(); ++i) {
@@ -116,8 +118,9 @@ class BoardCamera : public platform::Camera {
         return light(planes[line * kSamples + static_cast<size_t>(k)],
                      rays_[i].centre + spread * x * rays_[i].across + spread * y * rays_[i].down);
       };
-      const int last = kSamples - 1;
-      double sum = 0.25 * (at(0, -0.5, -0.5) + at(last, 0.5, -0.5) + at(last, -0.5, 0.5) + at(0, 0.5, 0.5));
+      double sum = 0;
+      for (const int k : {kFirst, kLast}) sum += at(k, -0.5, -0.5) + at(k, 0.5, -0.5) + at(k, -0.5, 0.5) + at(k, 0.5, 0.5);
+      sum *= 0.125;
       if (sum != kPaper && sum != kInk && sum != kTable) {  // an edge
         sum = 0;
         for (int k = 0; k < kSamples; ++k) {
