@@ -21,7 +21,7 @@ constexpr double kPointsPerMm = 72 / 25.4;  // PDF's unit
 // Of the page, mm. Printers leave about 5 mm at the edges white; the board needs a white rim.
 constexpr double kSide_mm = 10;
 constexpr double kTop_mm = 12;
-constexpr double kFoot_mm = 27;  // for the ruler and the words
+constexpr double kFoot_mm = 30;  // for the ruler and the words
 constexpr double kMinSquare_mm = 3;
 
 struct Page {
@@ -108,7 +108,7 @@ std::string board_pdf(const Board& board, const std::string& paper, double squar
   draw_squares(cr, board, left, top, square_mm);
 
   cairo_select_font_face(cr, "sans-serif", CAIRO_FONT_SLANT_NORMAL, CAIRO_FONT_WEIGHT_NORMAL);
-  const double foot = page.height_mm - 17;
+  const double foot = page.height_mm - 21;
   draw_ruler(cr, kSide_mm + 2, foot);
   const double text = kSide_mm + 116;
   const double size = page.width_mm > page.height_mm ? 3.2 : 2.5;

@@ -151,7 +151,7 @@ std::string coverage_png(const Board& board, int width, int height, const std::v
     for (const Vector2d& px : view.corners) sheet.dot(sheet.x(px.x()), sheet.y(px.y()), 1.3);
   }
   sheet.image_frame();
-  sheet.words(kGap_px, 22, format("%zu views; green: seen, red: missing", views.size()));
+  sheet.words(kGap_px, 22, format("%zu views. Green: the board was seen; pale: not; red: hardly seen in all of that part", views.size()));
   draw_tilts(sheet, views);
   return png_of(sheet.surface);
 }

@@ -206,6 +206,21 @@ TEST_F(LensViews, BlurredOnesAreSkipped) {
   for (const BoardView& view : looked.views) EXPECT_NE(view.frame % 3, 2);
 }
 
+// The words and the picture name the edge that is nearer.
+TEST_F(LensViews, TiltsAreNamedByTheNearerEdge) {
+  const BoardCameraOptions options = camera_named("pinhole", 8);
+  for (const double turn : {-0.5, 0.5}) {
+    Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
+    T.linear() = Eigen::AngleAxisd(turn, Eigen::Vector3d::UnitY()).toRotationMatrix();  // positive: the right one
+    T.translation().z() = 16;
+    BoardCamera camera(options, [T](double) { return T; }, 1);
+    const Looked looked = looked_at(&camera, options.board);
+    ASSERT_EQ(looked.views.size(), 1u);
+    EXPECT_GT(-turn * looked.views[0].tilt.x(), 0.1);
+    EXPECT_NEAR(looked.views[0].tilt.y(), 0, 0.02);
+  }
+}
+
 // Squares that are not square look like pixels that are not: told, with the remedy.
 TEST_F(LensViews, StretchedPrintIsTold) {
   BoardCameraOptions options = camera_named("pinhole", 7);

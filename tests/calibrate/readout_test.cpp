@@ -19,22 +19,6 @@ using Axis = RollingShutter::Axis;
 
 constexpr double kMaxReadoutError_s = 0.002;  // what issue 15 asks for
 
-// A hand that moves the camera to and fro before the board, about `speed` image widths a second at its fastest.
-Eigen::Isometry3d shaken(double t_s, double distance, double speed, uint64_t seed) {
-  sim::Random random(seed, 9);
-  const auto wave = [&](double hertz) {
-    const double f = hertz * random.uniform(0.8, 1.25), phase = random.uniform(0, 2 * M_PI);
-    return std::sin(2 * M_PI * f * t_s + phase) / f;
-  };
-  const double amplitude = speed * distance / 6;
-  Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
-  T.linear() = (Eigen::AngleAxisd(0.15 * speed * wave(0.9), Eigen::Vector3d::UnitZ()) *
-                Eigen::AngleAxisd(0.3 + 0.1 * speed * wave(1.1), Eigen::Vector3d(0.8, 0.6, 0)))
-                   .toRotationMatrix();
-  T.translation() = Eigen::Vector3d(amplitude * wave(1.2), 0.6 * amplitude * wave(1.5), distance + 0.8 * amplitude * wave(0.7));
-  return T;
-}
-
 struct ClipOptions {
   Axis axis = Axis::kRows;
   double readout_s = 0.020;
@@ -51,8 +35,7 @@ BoardViews clip_of(const ClipOptions& o, BoardCameraOptions* options) {
   options->shutter.line_time_s = static_cast<float>(o.readout_s / (o.axis == Axis::kRows ? options->model.height : options->model.width));
   options->exposure_s = o.exposure_s;
   options->seed = o.seed;
-  const double distance = options->board.columns * static_cast<double>(options->model.fx) / (0.5 * options->model.width);
-  BoardCamera camera(*options, [=](double t_s) { return shaken(t_s, distance, o.speed, o.seed); }, o.frames);
+  BoardCamera camera(*options, ShakenViews(options->model, options->board, o.seed, o.speed), o.frames);
   LookOptions look;
   look.every_frame = true;
   return look_for_board(camera, options->board, board_vision(PPTAM_OPENCV_MODULE), look, [](const BoardViews&) { return true; });

@@ -190,4 +190,35 @@ class CarefulViews {
   std::vector<Eigen::Isometry3d> poses_;
 };
 
+// A hand that moves the camera to and fro before the board, which fills half of the width: sideways, up and down, near
+// and far, turning. speed 1: about an image width a second at its fastest.
+class ShakenViews {
+ public:
+  ShakenViews(const CameraModel& model, const platform::Board& board, uint64_t seed, double speed)
+      : distance_(board.columns * static_cast<double>(model.fx) / (0.5 * model.width)), speed_(speed) {
+    sim::Random random(seed, 9);
+    for (int i = 0; i < kWaves; ++i) {
+      hertz_[i] = kHertz[i] * random.uniform(0.8, 1.25);
+      phase_[i] = random.uniform(0, 2 * M_PI);
+    }
+  }
+
+  Eigen::Isometry3d operator()(double t_s) const {
+    const auto wave = [&](int i) { return std::sin(2 * M_PI * hertz_[i] * t_s + phase_[i]) / hertz_[i]; };
+    const double amplitude = speed_ * distance_ / 6;
+    Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
+    T.linear() = (Eigen::AngleAxisd(0.15 * speed_ * wave(0), Eigen::Vector3d::UnitZ()) *
+                  Eigen::AngleAxisd(0.3 + 0.1 * speed_ * wave(1), Eigen::Vector3d(0.8, 0.6, 0)))
+                     .toRotationMatrix();
+    T.translation() = Eigen::Vector3d(amplitude * wave(2), 0.6 * amplitude * wave(3), distance_ + 0.8 * amplitude * wave(4));
+    return T;
+  }
+
+ private:
+  static constexpr int kWaves = 5;
+  static constexpr double kHertz[kWaves] = {0.9, 1.1, 1.2, 1.5, 0.7};  // turn, tilt, sideways, up and down, depth
+  double distance_, speed_;
+  double hertz_[kWaves], phase_[kWaves];
+};
+
 }  // namespace pptam::test
