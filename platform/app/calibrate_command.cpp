@@ -1,4 +1,5 @@
-// pocket-ptam calibrate: a camera's lens from views of a checkerboard, and its readout from a clip that moves before it.
+// pocket-ptam calibrate: a camera's lens from views of a checkerboard, and its readout from a clip that moves before
+// it.
 
 #include <algorithm>
 #include <cmath>
@@ -87,8 +88,7 @@ void require_board(const BoardViews& found, const CalibrateChoice& chosen, const
   if (!found.views.empty()) return;
   if (!found.broken.empty()) throw InputError(found.broken);
   std::string why = ": is it in view as a whole, with a white rim, sharp and evenly lit?";
-  if (!found.other_board.empty())
-    why = ", but one of " + found.other_board + " was: give --board " + found.other_board;
+  if (!found.other_board.empty()) why = ", but one of " + found.other_board + " was: give --board " + found.other_board;
   throw InputError(name + format(": in none of %d images was a checkerboard of ", found.looked_at) + chosen.board +
                    " squares found" + why);
 }
@@ -123,8 +123,8 @@ void add_lens_rows(const LensFit& fit, std::vector<SummaryRow>* rows) {
   const auto sigma = [](double px) { return px > 0 ? format(" (+- %.2f)", px) : std::string(); };
   rows->push_back({"lens", format("%s, %.1f degrees across", name_of(s.kind), fov)});
   rows->push_back({"focal length", format("fx %.2f", s.fx) + sigma(s.sigma_fx) + format(", fy %.2f px", s.fy)});
-  rows->push_back({"principal point", format("%.2f", s.cx) + sigma(s.sigma_cx) + format(", %.2f", s.cy) +
-                                          sigma(s.sigma_cy) + " px"});
+  rows->push_back({"principal point",
+                   format("%.2f", s.cx) + sigma(s.sigma_cx) + format(", %.2f", s.cy) + sigma(s.sigma_cy) + " px"});
   std::vector<std::string> coeffs;
   for (const double c : s.coeffs) coeffs.push_back(format("%.5g", c));
   if (s.kind != LensKind::kWide) coeffs.pop_back();
@@ -171,9 +171,10 @@ void find_shutter(platform::Camera& camera, const CalibrateChoice& chosen, Calib
   const CameraModel& model = result->calibration.model;
   const CameraModel& seen = camera.info().model;
   if (seen.width != model.width || seen.height != model.height) {
-    result->troubles.push_back(format("the moving clip has images of %dx%d, the views of %dx%d: take both in the same "
-                                      "mode of the camera",
-                                      seen.width, seen.height, model.width, model.height));
+    result->troubles.push_back(
+        format("the moving clip has images of %dx%d, the views of %dx%d: take both in the same "
+               "mode of the camera",
+               seen.width, seen.height, model.width, model.height));
     return;
   }
   const BoardViews clip = look(camera, board, true);
@@ -185,9 +186,9 @@ void find_shutter(platform::Camera& camera, const CalibrateChoice& chosen, Calib
     return;
   }
   const bool global = std::abs(fit.readout_s) < 3 * fit.sigma_s;
-  result->rows.push_back({"readout", readout_text(fit.axis, fit.readout_s) +
-                                         format(", +- %.2f ms%s", 1000 * fit.sigma_s,
-                                                global ? ": as of a global shutter" : "")});
+  result->rows.push_back(
+      {"readout", readout_text(fit.axis, fit.readout_s) +
+                      format(", +- %.2f ms%s", 1000 * fit.sigma_s, global ? ": as of a global shutter" : "")});
   result->rows.push_back({"moving clip", format("%d frames at %.0f px/s; corners %.3f px rms, %.3f under a global "
                                                 "shutter",
                                                 fit.frames, fit.speed_px_s, fit.rms_px, fit.global_px)});

@@ -55,8 +55,12 @@ int run_program(int argc, char** argv) {
       "written; 2 bad input: nothing was done. The first Ctrl-C (SIGINT, SIGTERM, SIGHUP) ends a run like a recording\n"
       "that breaks off, the second ends the program at once.");
   const std::string command_line = command_of(argc, argv);
-  const std::vector<Command> commands = {add_sim(app, command_line), add_replay(app, command_line), add_readout(app),
-                                         add_calibrate(app, command_line), add_eval(app), add_map(app)};
+  const std::vector<Command> commands = {add_sim(app, command_line),
+                                         add_replay(app, command_line),
+                                         add_readout(app),
+                                         add_calibrate(app, command_line),
+                                         add_eval(app),
+                                         add_map(app)};
 
   try {
     app.parse(argc, argv);

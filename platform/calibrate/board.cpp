@@ -36,7 +36,8 @@ Page page_of(const std::string& paper, bool landscape) {
 
 void draw_squares(cairo_t* cr, const Board& board, double left, double top, double square) {
   for (int y = 0; y < board.rows; ++y) {
-    for (int x = y % 2; x < board.columns; x += 2) cairo_rectangle(cr, left + x * square, top + y * square, square, square);
+    for (int x = y % 2; x < board.columns; x += 2)
+      cairo_rectangle(cr, left + x * square, top + y * square, square, square);
   }
   cairo_fill(cr);
 }
@@ -83,18 +84,20 @@ Board parse_board(const std::string& text) {
       static_cast<size_t>(used) != text.size())
     throw InputError("--board " + text + ": write the squares across and down, for example 10x7");
   if (std::min(board.columns, board.rows) < kMinSquares || std::max(board.columns, board.rows) > kMaxSquares)
-    throw InputError("--board " + text + format(": from %d to %d squares in either direction", kMinSquares, kMaxSquares));
+    throw InputError("--board " + text +
+                     format(": from %d to %d squares in either direction", kMinSquares, kMaxSquares));
   return board;
 }
 
 std::string board_pdf(const Board& board, const std::string& paper, double square_mm) {
   const Page page = page_of(paper, board.columns > board.rows);
-  const double fits = std::min((page.width_mm - 2 * kSide_mm) / board.columns,
-                               (page.height_mm - kTop_mm - kFoot_mm) / board.rows);
+  const double fits =
+      std::min((page.width_mm - 2 * kSide_mm) / board.columns, (page.height_mm - kTop_mm - kFoot_mm) / board.rows);
   if (square_mm == 0) square_mm = std::floor(fits);
   if (square_mm > fits || square_mm < kMinSquare_mm) {
-    throw InputError(format("%dx%d squares of %g mm do not fit on %s paper: at most %.1f mm, at least %g", board.columns,
-                            board.rows, square_mm, paper.c_str(), std::floor(10 * fits) / 10, kMinSquare_mm));
+    throw InputError(format("%dx%d squares of %g mm do not fit on %s paper: at most %.1f mm, at least %g",
+                            board.columns, board.rows, square_mm, paper.c_str(), std::floor(10 * fits) / 10,
+                            kMinSquare_mm));
   }
   std::string pdf;
   cairo_surface_t* surface = cairo_pdf_surface_create_for_stream(append_bytes, &pdf, kPointsPerMm * page.width_mm,
@@ -115,8 +118,10 @@ std::string board_pdf(const Board& board, const std::string& paper, double squar
   draw_words(cr, text, foot + 1.2, size,
              format("%d x %d squares of %g mm: together %g mm by %g mm.", board.columns, board.rows, square_mm, width,
                     height));
-  draw_words(cr, text, foot + 1.2 + 1.4 * size, size, "Print at 100 %, not \"fit to page\"; check with the ruler on the left.");
-  draw_words(cr, text, foot + 1.2 + 2.8 * size, size, "Glue it to something flat and stiff: glass, a tray, a book's cover.");
+  draw_words(cr, text, foot + 1.2 + 1.4 * size, size,
+             "Print at 100 %, not \"fit to page\"; check with the ruler on the left.");
+  draw_words(cr, text, foot + 1.2 + 2.8 * size, size,
+             "Glue it to something flat and stiff: glass, a tray, a book's cover.");
   draw_words(cr, text, foot + 1.2 + 4.2 * size, size,
              format("pocket-ptam calibrate VIEWS --board %dx%d", board.columns, board.rows));
   cairo_show_page(cr);
@@ -124,7 +129,8 @@ std::string board_pdf(const Board& board, const std::string& paper, double squar
   cairo_surface_finish(surface);
   const cairo_status_t status = cairo_surface_status(surface);
   cairo_surface_destroy(surface);
-  if (status != CAIRO_STATUS_SUCCESS) throw InputError(std::string("the board's PDF: ") + cairo_status_to_string(status));
+  if (status != CAIRO_STATUS_SUCCESS)
+    throw InputError(std::string("the board's PDF: ") + cairo_status_to_string(status));
   return sealed(pdf + "% " + std::string(kOpenSeal) + "\n");  // a comment after the end is allowed
 }
 

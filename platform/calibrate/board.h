@@ -17,8 +17,8 @@ struct Board {
   int corners_across() const { return columns - 1; }
   int corners_down() const { return rows - 1; }
   size_t corners() const { return static_cast<size_t>(corners_across()) * static_cast<size_t>(corners_down()); }
-  // Row by row, from the middle of the board, in squares: the camera's focal length and the shutter's time do not depend
-  // on how large a square is.
+  // Row by row, from the middle of the board, in squares: the camera's focal length and the shutter's time do not
+  // depend on how large a square is.
   std::vector<Vector2d> plane() const;
 };
 

@@ -10,17 +10,17 @@
 namespace pptam::platform {
 namespace {
 
-constexpr double kLooksPerSecond = 6;      // of a clip: enough that a view held for a moment is found
-constexpr int kFewFrames = 150;            // so many are all looked at, thoroughly: photographs
-constexpr int kSearchedForOthers = 12;     // frames without the board that are searched for boards of other sizes
-constexpr double kNeighbour_s = 0.5;       // between views whose difference tells the speed
-constexpr double kMaxBlurShare = 0.35;     // of the distance of corners: the squares' middles are grey
-constexpr double kMaxBlurRatio = 2;        // to the median's
-constexpr int kWantedTilts = 2;            // views of each tilt
-constexpr int kWantedCells = 5;            // of the nine in a part of the image
-constexpr double kTiltGain = 6;            // of a tilt that is missing, in cells
-constexpr double kUnknownPace = 5;         // of a view without neighbours, and at most, in units of the next
-constexpr double kStill_px_s = 20;         // slower is as good as at rest: 0.6 px in 30 ms of exposure and readout
+constexpr double kLooksPerSecond = 6;   // of a clip: enough that a view held for a moment is found
+constexpr int kFewFrames = 150;         // so many are all looked at, thoroughly: photographs
+constexpr int kSearchedForOthers = 12;  // frames without the board that are searched for boards of other sizes
+constexpr double kNeighbour_s = 0.5;    // between views whose difference tells the speed
+constexpr double kMaxBlurShare = 0.35;  // of the distance of corners: the squares' middles are grey
+constexpr double kMaxBlurRatio = 2;     // to the median's
+constexpr int kWantedTilts = 2;         // views of each tilt
+constexpr int kWantedCells = 5;         // of the nine in a part of the image
+constexpr double kTiltGain = 6;         // of a tilt that is missing, in cells
+constexpr double kUnknownPace = 5;      // of a view without neighbours, and at most, in units of the next
+constexpr double kStill_px_s = 20;      // slower is as good as at rest: 0.6 px in 30 ms of exposure and readout
 
 enum Tilt { kFlat, kLeftNear, kRightNear, kTopNear, kBottomNear };
 
@@ -138,7 +138,8 @@ BoardViews look_for_board(Camera& camera, const Board& board, const BoardVision&
           ++found.without_board;
           int across = 0, down = 0;
           if (found.views.empty() && found.other_board.empty() && found.without_board <= kSearchedForOthers &&
-              vision.find_any(image, &across, &down) && (across != board.corners_across() || down != board.corners_down()))
+              vision.find_any(image, &across, &down) &&
+              (across != board.corners_across() || down != board.corners_down()))
             found.other_board = format("%dx%d", across + 1, down + 1);
         }
       }
@@ -201,8 +202,8 @@ std::vector<std::string> Coverage::missing() const {
   }
   std::vector<std::string> sentences;
   if (!parts.empty()) {
-    sentences.push_back("the board was hardly seen in the " + joined(parts) +
-                        (parts.size() == 1 ? " part" : " parts") + " of the image: add views that have it there");
+    sentences.push_back("the board was hardly seen in the " + joined(parts) + (parts.size() == 1 ? " part" : " parts") +
+                        " of the image: add views that have it there");
   }
   std::vector<std::string> sides;
   if (tilts_[kLeftNear] < kWantedTilts) sides.emplace_back("left");
@@ -237,9 +238,8 @@ std::vector<BoardView> choose_views(const BoardViews& found, size_t most, int* b
       const double pace = std::min(view->speed_px_s / kStill_px_s, kUnknownPace);  // photographs: all alike
       return coverage.gain(*view) / (1 + pace * pace) / std::max(1.0, view->blur_px);
     };
-    const auto best = std::max_element(sharp.begin(), sharp.end(), [&](const BoardView* a, const BoardView* b) {
-      return worth(a) < worth(b);
-    });
+    const auto best = std::max_element(sharp.begin(), sharp.end(),
+                                       [&](const BoardView* a, const BoardView* b) { return worth(a) < worth(b); });
     coverage.add(**best);
     chosen.push_back(**best);
     sharp.erase(best);

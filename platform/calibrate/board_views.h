@@ -49,14 +49,14 @@ bool find_board(const GreyView& image, const Board& board, const BoardVision& vi
 // Which parts of the image and which tilts of the board the views cover.
 class Coverage {
  public:
-  static constexpr int kCells = 9;  // across and down: three by three for each ninth of the image
+  static constexpr int kCells = 9;         // across and down: three by three for each ninth of the image
   static constexpr double kMinTilt = 0.1;  // of BoardView::tilt: about 10 degrees of a board that fills half the view
 
   Coverage(int width, int height) : width_(width), height_(height) {}
   void add(const BoardView& view);
 
   int views_at(int column, int row) const { return cells_[static_cast<size_t>(row * kCells + column)]; }
-  double share() const;  // of cells that were seen
+  double share() const;                        // of cells that were seen
   bool is_lacking(int column, int row) const;  // a ninth of the image in which the board was hardly seen
   // What is missing, a sentence each of what to do; empty: nothing.
   std::vector<std::string> missing() const;
@@ -68,7 +68,7 @@ class Coverage {
 
   int width_, height_;
   std::vector<int> cells_ = std::vector<int>(size_t{kCells} * kCells, 0);  // views with a corner in it
-  int tilts_[5] = {};                                                        // by Tilt
+  int tilts_[5] = {};                                                      // by Tilt
 };
 
 // Those to calibrate with: without the blurred ones, whose number is added to *blurred, and at most `most`, which cover

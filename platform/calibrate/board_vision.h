@@ -24,8 +24,8 @@ enum class LensKind { kNormal, kWide, kFisheye };
 struct LensSolution {
   std::string trouble;  // why there is none; empty: there is one
   LensKind kind = LensKind::kNormal;
-  double fx = 0, fy = 0, cx = 0, cy = 0;       // pixels
-  std::array<double, 5> coeffs = {};           // as of CameraModel::coeffs
+  double fx = 0, fy = 0, cx = 0, cy = 0;            // pixels
+  std::array<double, 5> coeffs = {};                // as of CameraModel::coeffs
   double sigma_fx = 0, sigma_cx = 0, sigma_cy = 0;  // one standard deviation, pixels; 0: not told
   std::vector<std::vector<Vector2d>> predicted;     // where the lens shows the corners of each view
 };

@@ -107,15 +107,19 @@ double round_up(double value) {
 std::string readout_plot(const ReadoutFit& fit) {
   std::string data[2];
   for (const ReadoutFit::Trial& trial : fit.trials)
-    data[trial.axis == RollingShutter::Axis::kColumns ? 1 : 0] += format("%.4f %.5f\n", 1000 * trial.readout_s, trial.rms_px);
-  std::string script = "$rows << EOD\n" + data[0] + "EOD\n$columns << EOD\n" + data[1] +
-                       "EOD\nset xlabel 'readout, ms (positive: from the top or the left)'\nset ylabel 'corners, px rms'\n"
-                       "set yrange [0:*]\nset key outside right top\n";
-  script += format("set arrow from %g,graph 0 to %g,graph 1 nohead dt 2 lc rgb '#aa0000'\nplot ", 1000 * fit.readout_s, 1000 * fit.readout_s);
+    data[trial.axis == RollingShutter::Axis::kColumns ? 1 : 0] +=
+        format("%.4f %.5f\n", 1000 * trial.readout_s, trial.rms_px);
+  std::string script =
+      "$rows << EOD\n" + data[0] + "EOD\n$columns << EOD\n" + data[1] +
+      "EOD\nset xlabel 'readout, ms (positive: from the top or the left)'\nset ylabel 'corners, px rms'\n"
+      "set yrange [0:*]\nset key outside right top\n";
+  script += format("set arrow from %g,graph 0 to %g,graph 1 nohead dt 2 lc rgb '#aa0000'\nplot ", 1000 * fit.readout_s,
+                   1000 * fit.readout_s);
   std::string curves;
   for (const char* name : {"rows", "columns"}) {
     if (data[std::string(name) == "columns" ? 1 : 0].empty()) continue;
-    curves += (curves.empty() ? "" : ", ") + std::string("$") + name + " using 1:2 with linespoints pt 7 ps 0.4 lw 1.4 title '" + name + "'";
+    curves += (curves.empty() ? "" : ", ") + std::string("$") + name +
+              " using 1:2 with linespoints pt 7 ps 0.4 lw 1.4 title '" + name + "'";
   }
   return plot_svg(1120, 360, script + curves + "\n");
 }
@@ -151,7 +155,9 @@ std::string coverage_png(const Board& board, int width, int height, const std::v
     for (const Vector2d& px : view.corners) sheet.dot(sheet.x(px.x()), sheet.y(px.y()), 1.3);
   }
   sheet.image_frame();
-  sheet.words(kGap_px, 22, format("%zu views. Green: the board was seen; pale: not; red: hardly seen in all of that part", views.size()));
+  sheet.words(
+      kGap_px, 22,
+      format("%zu views. Green: the board was seen; pale: not; red: hardly seen in all of that part", views.size()));
   draw_tilts(sheet, views);
   return png_of(sheet.surface);
 }
@@ -186,8 +192,8 @@ std::string residuals_png(const LensFit& fit) {
 }
 
 std::string calibration_page(const CalibrationReport& report, std::vector<std::string>* warnings) {
-  std::string page = html_head("Pocket PTAM: calibration of " + report.name) + "<h1>Calibration of " + html_escaped(report.name) +
-                     "</h1>\n<section><table>\n";
+  std::string page = html_head("Pocket PTAM: calibration of " + report.name) + "<h1>Calibration of " +
+                     html_escaped(report.name) + "</h1>\n<section><table>\n";
   for (const SummaryRow& row : report.rows)
     page += "<tr><th>" + html_escaped(row.label) + "</th><td>" + html_escaped(row.value) + "</td></tr>\n";
   page += "</table></section>\n";
@@ -200,9 +206,10 @@ std::string calibration_page(const CalibrationReport& report, std::vector<std::s
     page += std::string("<section><h2>") + title + "</h2>" + content + "<p>" + note + "</p></section>\n";
   };
   if (!report.coverage_png.empty()) {
-    add_section("Coverage", image_tag("image/png", report.coverage_png, "where the board was seen"),
-                "Each outline is a view of the board. Right: a dot for each view, towards the edge that was nearer; dots "
-                "in the inner circle are views from straight ahead.");
+    add_section(
+        "Coverage", image_tag("image/png", report.coverage_png, "where the board was seen"),
+        "Each outline is a view of the board. Right: a dot for each view, towards the edge that was nearer; dots "
+        "in the inner circle are views from straight ahead.");
   }
   if (!report.residuals_png.empty()) {
     add_section("Residuals", image_tag("image/png", report.residuals_png, "residuals of the corners"),
@@ -218,10 +225,12 @@ std::string calibration_page(const CalibrationReport& report, std::vector<std::s
     }
   }
   if (report.lens != nullptr) {
-    std::string table = "<table class=\"wide\"><tr><th>frame</th><th>corners, px rms</th><th>edges' blur, px</th></tr>\n";
+    std::string table =
+        "<table class=\"wide\"><tr><th>frame</th><th>corners, px rms</th><th>edges' blur, px</th></tr>\n";
     for (size_t i = 0; i < report.lens->views.size(); ++i) {
       const BoardView& view = report.lens->views[i];
-      table += format("<tr><td>%d</td><td>%.3f</td><td>%.1f</td></tr>\n", view.frame, report.lens->view_rms_px[i], view.blur_px);
+      table += format("<tr><td>%d</td><td>%.3f</td><td>%.1f</td></tr>\n", view.frame, report.lens->view_rms_px[i],
+                      view.blur_px);
     }
     add_section("Views", table + "</table>", "Frames of the source, from 0.");
   }

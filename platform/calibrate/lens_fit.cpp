@@ -10,21 +10,21 @@
 namespace pptam::platform {
 namespace {
 
-constexpr size_t kMinViews = 6;            // three would do for the equations; fewer than six leave mistakes unseen
+constexpr size_t kMinViews = 6;  // three would do for the equations; fewer than six leave mistakes unseen
 constexpr size_t kWantedViews = 12;
-constexpr double kMinTiltSpread = 0.1;     // of the views' tilts: without any the focal length cannot be told
-constexpr double kMinFocalWidths = 0.3;    // focal length by the image's longer side: 118 degrees across
-constexpr double kMaxFocalWidths = 5;      // 11 degrees
-constexpr double kMaxFocalSigma = 0.01;    // of the focal length, relative: refused; a fifth of it is warned of
-constexpr double kMaxAspect = 1.02;        // fx against fy, before it is told
-constexpr double kGoodRms_px = 0.6;        // at the width of kUsualWidth, before it is told
-constexpr double kMaxRms_px = 3;           // likewise, before it is refused
+constexpr double kMinTiltSpread = 0.1;   // of the views' tilts: without any the focal length cannot be told
+constexpr double kMinFocalWidths = 0.3;  // focal length by the image's longer side: 118 degrees across
+constexpr double kMaxFocalWidths = 5;    // 11 degrees
+constexpr double kMaxFocalSigma = 0.01;  // of the focal length, relative: refused; a fifth of it is warned of
+constexpr double kMaxAspect = 1.02;      // fx against fy, before it is told
+constexpr double kGoodRms_px = 0.6;      // at the width of kUsualWidth, before it is told
+constexpr double kMaxRms_px = 3;         // likewise, before it is refused
 constexpr double kUsualWidth = 640;
-constexpr double kOutlierRatio = 3;        // of a view's rms to the median
-constexpr double kOutlierFloor_px = 0.3;   // below this a view is as good as any
-constexpr double kWorthATerm = 20;         // fall of -2 log likelihood, for a coefficient more or another lens
-constexpr double kGoodUncertain_px = 1;    // before it is told
-constexpr size_t kFolds = 5;               // of the jackknife
+constexpr double kOutlierRatio = 3;       // of a view's rms to the median
+constexpr double kOutlierFloor_px = 0.3;  // below this a view is as good as any
+constexpr double kWorthATerm = 20;        // fall of -2 log likelihood, for a coefficient more or another lens
+constexpr double kGoodUncertain_px = 1;   // before it is told
+constexpr size_t kFolds = 5;              // of the jackknife
 
 std::vector<std::vector<Vector2d>> corners_of(const std::vector<BoardView>& views) {
   std::vector<std::vector<Vector2d>> corners;
@@ -39,8 +39,7 @@ void measure_residuals(LensFit* fit) {
   for (size_t v = 0; v < fit->views.size(); ++v) {
     double view_sum = 0;
     const std::vector<Vector2d>& corners = fit->views[v].corners;
-    for (size_t i = 0; i < corners.size(); ++i)
-      view_sum += (corners[i] - fit->solution.predicted[v][i]).squaredNorm();
+    for (size_t i = 0; i < corners.size(); ++i) view_sum += (corners[i] - fit->solution.predicted[v][i]).squaredNorm();
     fit->view_rms_px.push_back(std::sqrt(view_sum / static_cast<double>(corners.size())));
     sum += view_sum;
     count += static_cast<double>(corners.size());
@@ -102,9 +101,8 @@ LensFit solve_simplest(const std::vector<Vector2d>& plane, const std::vector<Boa
     const double numbers = 2 * static_cast<double>(fit.views.size() * fit.views.front().corners.size());
     return numbers * std::log(fit.rms_px * fit.rms_px) + (fit.solution.kind == LensKind::kNormal ? 0 : kWorthATerm);
   };
-  return std::move(*std::min_element(fits.begin(), fits.end(), [&](const LensFit& a, const LensFit& b) {
-    return badness(a) < badness(b);
-  }));
+  return std::move(*std::min_element(fits.begin(), fits.end(),
+                                     [&](const LensFit& a, const LensFit& b) { return badness(a) < badness(b); }));
 }
 
 // Before anything is solved: what makes every solution worthless.
@@ -133,44 +131,50 @@ void judge(const std::vector<BoardView>& views, LensFit* fit) {
   const double longer = std::max(m.width, m.height);
   const double focal = s.fx / longer;
   if (focal < kMinFocalWidths || focal > kMaxFocalWidths) {
-    throw InputError(format("the focal length came out as %.0f px, %.2f times the image's longer side, which no usual "
-                            "lens has: add views that are tilted clearly, and see that the board is flat",
-                            s.fx, focal));
+    throw InputError(
+        format("the focal length came out as %.0f px, %.2f times the image's longer side, which no usual "
+               "lens has: add views that are tilted clearly, and see that the board is flat",
+               s.fx, focal));
   }
   const double scale = std::max(1.0, longer / kUsualWidth);
   if (fit->rms_px > kMaxRms_px * scale) {
-    throw InputError(format("the views fit no lens: their corners lie %.1f px off in the mean. Is the board flat and "
-                            "--board right? Was the zoom or the focus changed, or the image stabilised?",
-                            fit->rms_px));
+    throw InputError(
+        format("the views fit no lens: their corners lie %.1f px off in the mean. Is the board flat and "
+               "--board right? Was the zoom or the focus changed, or the image stabilised?",
+               fit->rms_px));
   }
   if (s.sigma_fx > kMaxFocalSigma * s.fx) {
-    throw InputError(format("the views leave the focal length uncertain by %.1f %%: add views that are tilted by 20 to "
-                            "40 degrees",
-                            100 * s.sigma_fx / s.fx));
+    throw InputError(
+        format("the views leave the focal length uncertain by %.1f %%: add views that are tilted by 20 to "
+               "40 degrees",
+               100 * s.sigma_fx / s.fx));
   }
   if (s.sigma_fx > 0.2 * kMaxFocalSigma * s.fx) {
     fit->warnings.push_back(format("the focal length is uncertain by %.2f %%: more views that are tilted would help",
                                    100 * s.sigma_fx / s.fx));
   }
   if (fit->rms_px > kGoodRms_px * scale) {
-    fit->warnings.push_back(format("the corners lie %.2f px off in the mean, usual are 0.1 to 0.4: is the board flat, "
-                                   "and was the camera held still? If the lens is very wide, try --lens fisheye",
-                                   fit->rms_px));
+    fit->warnings.push_back(
+        format("the corners lie %.2f px off in the mean, usual are 0.1 to 0.4: is the board flat, "
+               "and was the camera held still? If the lens is very wide, try --lens fisheye",
+               fit->rms_px));
   }
   const double aspect = std::max(s.fx / s.fy, s.fy / s.fx);
   if (aspect > kMaxAspect) {
-    fit->warnings.push_back(format("fx and fy differ by %.1f %%: if the camera's pixels are square, then the board's "
-                                   "squares are not; measure its sides",
-                                   100 * (aspect - 1)));
+    fit->warnings.push_back(
+        format("fx and fy differ by %.1f %%: if the camera's pixels are square, then the board's "
+               "squares are not; measure its sides",
+               100 * (aspect - 1)));
   }
   if (views.size() < kWantedViews) {
-    fit->warnings.push_back(format("only %zu views: %zu or more make a calibration reliable", views.size(),
-                                   kWantedViews));
+    fit->warnings.push_back(
+        format("only %zu views: %zu or more make a calibration reliable", views.size(), kWantedViews));
   }
   if (fit->uncertain_px && *fit->uncertain_px > kGoodUncertain_px * scale) {
-    fit->warnings.push_back(format("somewhere in the image the lens is uncertain by %.1f px: add views where the board "
-                                   "was hardly seen",
-                                   *fit->uncertain_px));
+    fit->warnings.push_back(
+        format("somewhere in the image the lens is uncertain by %.1f px: add views where the board "
+               "was hardly seen",
+               *fit->uncertain_px));
   }
 }
 
@@ -228,7 +232,8 @@ double largest_difference_px(const CameraModel& a, const CameraModel& b) {
   std::vector<Vector2f> pixels;
   for (int y = 0; y <= kSteps; ++y) {
     for (int x = 0; x <= kSteps; ++x) {
-      const Vector2f px(static_cast<float>(x * (a.width - 1)) / kSteps, static_cast<float>(y * (a.height - 1)) / kSteps);
+      const Vector2f px(static_cast<float>(x * (a.width - 1)) / kSteps,
+                        static_cast<float>(y * (a.height - 1)) / kSteps);
       pixels.push_back(px);
       rays_a.push_back(a.unproject(px).homogeneous().cast<double>());
       rays_b.push_back(b.unproject(px).homogeneous().cast<double>());
@@ -267,9 +272,10 @@ LensFit fit_lens(const Board& board, int width, int height, std::vector<BoardVie
   const std::vector<Vector2d> plane = board.plane();
   LensFit fit = solve_simplest(plane, views, vision, width, height, kind);
   if (fit.views.size() < kMinViews) {
-    throw InputError(format("only %zu of %zu views fit one another: is the board flat? Was the zoom or the focus "
-                            "changed, or the image stabilised?",
-                            fit.views.size(), views.size()));
+    throw InputError(
+        format("only %zu of %zu views fit one another: is the board flat? Was the zoom or the focus "
+               "changed, or the image stabilised?",
+               fit.views.size(), views.size()));
   }
   fit.uncertain_px = uncertainty_of(plane, fit, vision);
   judge(fit.views, &fit);

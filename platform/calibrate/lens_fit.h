@@ -12,11 +12,11 @@ namespace pptam::platform {
 
 struct LensFit {
   LensSolution solution;
-  CameraModel model;  // prepared
-  std::vector<BoardView> views;                  // those that count, as of solution.predicted
-  std::vector<int> left_out;                     // frames of views that do not fit the others
-  double rms_px = 0;                             // over both coordinates, as OpenCV tells it
-  std::vector<double> view_rms_px;               // likewise, of each view
+  CameraModel model;                // prepared
+  std::vector<BoardView> views;     // those that count, as of solution.predicted
+  std::vector<int> left_out;        // frames of views that do not fit the others
+  double rms_px = 0;                // over both coordinates, as OpenCV tells it
+  std::vector<double> view_rms_px;  // likewise, of each view
   // By how much a pixel of the image may be off, at most, once a turn of the camera has taken up what it can: from the
   // lenses that four fifths of the views give (jackknife). Nothing: too few views.
   std::optional<double> uncertain_px;

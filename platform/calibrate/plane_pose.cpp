@@ -70,8 +70,8 @@ Eigen::Isometry3d plane_pose(const std::vector<Vector2d>& plane, const std::vect
       Eigen::Matrix<double, 2, 3> J_x_q;
       J_x_q << 1 / q.z(), 0, -q.x() / (q.z() * q.z()), 0, 1 / q.z(), -q.y() / (q.z() * q.z());
       Eigen::Matrix<double, 3, 6> J_q_mu;  // mu: translation, rotation about the board's middle
-      J_q_mu << Matrix3d::Identity(), Matrix3d{{0, turned.z(), -turned.y()}, {-turned.z(), 0, turned.x()},
-                                               {turned.y(), -turned.x(), 0}};
+      J_q_mu << Matrix3d::Identity(),
+          Matrix3d{{0, turned.z(), -turned.y()}, {-turned.z(), 0, turned.x()}, {turned.y(), -turned.x(), 0}};
       const Eigen::Matrix<double, 2, 6> J = J_x_q * J_q_mu;
       A += J.transpose() * J;
       b += J.transpose() * (rays[i] - Vector2d(q.x() / q.z(), q.y() / q.z()));
@@ -79,8 +79,7 @@ Eigen::Isometry3d plane_pose(const std::vector<Vector2d>& plane, const std::vect
     const Eigen::Matrix<double, 6, 1> mu = A.ldlt().solve(b);
     pose.translation() += mu.head<3>();
     const double angle = mu.tail<3>().norm();
-    if (angle > 0)
-      pose.linear() = Eigen::AngleAxisd(angle, mu.tail<3>() / angle).toRotationMatrix() * pose.linear();
+    if (angle > 0) pose.linear() = Eigen::AngleAxisd(angle, mu.tail<3>() / angle).toRotationMatrix() * pose.linear();
     if (mu.norm() < 1e-12) break;
   }
   return pose;

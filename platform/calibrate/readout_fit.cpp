@@ -15,16 +15,16 @@ using Axis = RollingShutter::Axis;
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-constexpr int kReach = 2;                // neighbours on either side that tell the motion: a polynomial of degree four
-constexpr double kMaxGap = 2.5;          // frame intervals between neighbours
-constexpr int kSteps = 6;                // of the readout in either direction, up to the time between two frames
-constexpr double kFinest = 1.0 / 48;     // last step, in frame intervals
-constexpr int kPoseRounds = 4;           // of poses from motion and motion from poses
-constexpr int kBlocks = 10;              // of the jackknife
-constexpr int kMinFrames = 30;           // three for each of its blocks
-constexpr double kBadFrameRatio = 3;     // of a frame's rms to the median: a misread board
-constexpr double kMaxSigma = 0.05;       // of the frame interval: beyond, the clip does not tell
-constexpr double kMinGain = 3;           // standard deviations by which the better axis must be better
+constexpr int kReach = 2;             // neighbours on either side that tell the motion: a polynomial of degree four
+constexpr double kMaxGap = 2.5;       // frame intervals between neighbours
+constexpr int kSteps = 6;             // of the readout in either direction, up to the time between two frames
+constexpr double kFinest = 1.0 / 48;  // last step, in frame intervals
+constexpr int kPoseRounds = 4;        // of poses from motion and motion from poses
+constexpr int kBlocks = 10;           // of the jackknife
+constexpr int kMinFrames = 30;        // three for each of its blocks
+constexpr double kBadFrameRatio = 3;  // of a frame's rms to the median: a misread board
+constexpr double kMaxSigma = 0.05;    // of the frame interval: beyond, the clip does not tell
+constexpr double kMinGain = 3;        // standard deviations by which the better axis must be better
 
 struct MotionFrame {
   double t_s = 0;
@@ -92,7 +92,8 @@ class Motion {
 
 class Clip {
  public:
-  Clip(const Board& board, const BoardViews& views, const CameraModel& model) : focal_px_(static_cast<double>(model.fx)) {
+  Clip(const Board& board, const BoardViews& views, const CameraModel& model)
+      : focal_px_(static_cast<double>(model.fx)) {
     const std::vector<Vector2d> plane = board.plane();
     for (const Vector2d& p : plane) board_.emplace_back(p.x(), p.y(), 0);
     std::vector<Vector2d> before;
@@ -180,8 +181,7 @@ class Clip {
     Eigen::Matrix<double, 6, 1> b = Eigen::Matrix<double, 6, 1>::Zero();
     double cost = 0;
     for (size_t i = 0; i < board_.size(); ++i) {
-      const Eigen::Matrix<double, 6, 1> moved =
-          motion.at(readout_s * frame.lines[axis == Axis::kColumns ? 1 : 0][i]);
+      const Eigen::Matrix<double, 6, 1> moved = motion.at(readout_s * frame.lines[axis == Axis::kColumns ? 1 : 0][i]);
       const Matrix3d turn = turn_by(moved.head<3>());
       const Vector3d turned = frame.R * board_[i];
       const Vector3d q = turn * turned + frame.t + moved.tail<3>();
@@ -253,8 +253,7 @@ AxisFit fit_axis(Clip* clip, Axis axis) {
   const auto attempt = [&](double readout_s) {
     std::vector<double> costs = clip->costs(axis, readout_s);
     const double cost = sum_of(costs);
-    fit.trials.push_back(
-        {axis, readout_s, std::sqrt(cost / static_cast<double>(costs.size() * clip->corners()))});
+    fit.trials.push_back({axis, readout_s, std::sqrt(cost / static_cast<double>(costs.size() * clip->corners()))});
     if (cost < least) least = cost, best_s = readout_s;
     return costs;
   };
@@ -269,9 +268,11 @@ AxisFit fit_axis(Clip* clip, Axis axis) {
   fit.costs = attempt(best_s);
   const std::vector<double> before = attempt(best_s - 2 * step_s), after = attempt(best_s + 2 * step_s);
   const auto minimum_without = [&](int block) {
-    const double low = mean_without(before, block), middle = mean_without(fit.costs, block), high = mean_without(after, block);
+    const double low = mean_without(before, block), middle = mean_without(fit.costs, block),
+                 high = mean_without(after, block);
     const double curvature = low + high - 2 * middle;
-    return curvature > 0 ? best_s + step_s * (low - high) / curvature : best_s + std::copysign(clip->interval_s(), low - high);
+    return curvature > 0 ? best_s + step_s * (low - high) / curvature
+                         : best_s + std::copysign(clip->interval_s(), low - high);
   };
   fit.readout_s = minimum_without(-1);
   fit.sigma_s = jackknife_sigma(minimum_without);
@@ -301,13 +302,15 @@ constexpr const char* kHowToMove =
 ReadoutFit fit_readout(const Board& board, const BoardViews& views, const CameraModel& model, const std::string& axes) {
   ReadoutFit fit;
   if (views.views.size() < 3) {
-    fit.trouble = format("the moving clip shows the board in %zu of %d frames: ", views.views.size(), views.looked_at) + kHowToMove;
+    fit.trouble = format("the moving clip shows the board in %zu of %d frames: ", views.views.size(), views.looked_at) +
+                  kHowToMove;
     return fit;
   }
   Clip clip(board, views, model);
   if (clip.speeds().size() < kMinFrames) {
     fit.trouble = format("the moving clip shows the board in too few frames that follow each other, %zu: ",
-                         clip.speeds().size()) + kHowToMove;
+                         clip.speeds().size()) +
+                  kHowToMove;
     return fit;
   }
   std::vector<Axis> tried;
@@ -332,9 +335,12 @@ ReadoutFit fit_readout(const Board& board, const BoardViews& views, const Camera
   std::stable_sort(fit.trials.begin(), fit.trials.end(),
                    [](const ReadoutFit::Trial& a, const ReadoutFit::Trial& b) { return a.axis < b.axis; });
 
-  const auto cannot = [&](const std::string& why) { fit.trouble = "this clip cannot tell the readout: " + why + ". To tell, " + kHowToMove; };
+  const auto cannot = [&](const std::string& why) {
+    fit.trouble = "this clip cannot tell the readout: " + why + ". To tell, " + kHowToMove;
+  };
   if (fit.sigma_s > kMaxSigma * clip.interval_s()) {
-    cannot(format("its corners move by %.0f px/s, which leaves it uncertain by %.1f ms", fit.speed_px_s, 1000 * fit.sigma_s));
+    cannot(format("its corners move by %.0f px/s, which leaves it uncertain by %.1f ms", fit.speed_px_s,
+                  1000 * fit.sigma_s));
   } else if (std::abs(fit.readout_s) > clip.interval_s()) {
     cannot(format("%.1f ms fit best, more than the %.1f ms between two frames: are the frames' times right (--fps)?",
                   1000 * fit.readout_s, 1000 * clip.interval_s()));

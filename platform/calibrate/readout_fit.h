@@ -1,9 +1,10 @@
 // The rolling shutter's readout from a moving clip of the board, with a lens that is known.
 //
-// A corner is exposed when its line is: at t + readout (line - middle) / lines. For a readout assumed, each frame's pose
-// is found by least squares, its corners being seen from where the camera was at their lines' times; that motion is the
-// polynomial through the poses of the frames before and after. The readout under which the corners fit best is it: the
-// minimum of a parabola. How far it can be trusted is told by leaving out a tenth of the clip at a time (jackknife).
+// A corner is exposed when its line is: at t + readout (line - middle) / lines. For a readout assumed, each frame's
+// pose is found by least squares, its corners being seen from where the camera was at their lines' times; that motion
+// is the polynomial through the poses of the frames before and after. The readout under which the corners fit best is
+// it: the minimum of a parabola. How far it can be trusted is told by leaving out a tenth of the clip at a time
+// (jackknife).
 #pragma once
 
 #include <string>
@@ -16,11 +17,11 @@ namespace pptam::platform {
 struct ReadoutFit {
   std::string trouble;  // why this clip cannot tell, and what to do; empty: it does
   RollingShutter::Axis axis = RollingShutter::Axis::kRows;
-  double readout_s = 0;  // signed: positive when larger coordinates are exposed later
-  double sigma_s = 0;    // one standard deviation
-  double rms_px = 0;     // of the corners, under that readout
-  double global_px = 0;  // and under a global shutter
-  int frames = 0;        // that took part
+  double readout_s = 0;   // signed: positive when larger coordinates are exposed later
+  double sigma_s = 0;     // one standard deviation
+  double rms_px = 0;      // of the corners, under that readout
+  double global_px = 0;   // and under a global shutter
+  int frames = 0;         // that took part
   double speed_px_s = 0;  // of the corners, median of these frames
   struct Trial {
     RollingShutter::Axis axis;

@@ -35,7 +35,8 @@ void dump_sequence(Camera& camera, const std::filesystem::path& folder,
   std::string trouble;
   try {
     const bool begun = more();
-    write_text_atomically(folder / "calibration.yaml", calibration_yaml({camera.info().model, camera.info().shutter, camera.info().exposure_s}));
+    write_text_atomically(folder / "calibration.yaml",
+                          calibration_yaml({camera.info().model, camera.info().shutter, camera.info().exposure_s}));
     while (begun && camera.read(&frame)) {
       if (frame.format != PixelFormat::kGrey) throw InputError(camera.info().name + ": only grey images can be dumped");
       const std::string stamp = seconds(frame.timestamp_ns);

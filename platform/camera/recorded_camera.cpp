@@ -22,7 +22,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr double kNsPerS = 1e9;
-constexpr double kAnyFov_degrees = 60;      // of a camera whose calibration nobody asks for
+constexpr double kAnyFov_degrees = 60;    // of a camera whose calibration nobody asks for
 constexpr double kMaxAspectError = 0.05;  // of pixels, between file and calibration; calibrations are better than 1 %
 
 bool is_file(const fs::path& path) {

@@ -25,8 +25,7 @@ using Context = std::unique_ptr<cairo_t, ContextDeleter>;
 
 inline Surface make_surface(int width, int height) {
   Surface surface(cairo_image_surface_create(CAIRO_FORMAT_ARGB32, width, height));
-  if (cairo_surface_status(surface.get()) != CAIRO_STATUS_SUCCESS)
-    throw InputError("no memory for a picture");
+  if (cairo_surface_status(surface.get()) != CAIRO_STATUS_SUCCESS) throw InputError("no memory for a picture");
   return surface;
 }
 

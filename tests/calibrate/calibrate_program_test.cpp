@@ -46,7 +46,8 @@ class CalibrateProgram : public ::testing::Test {
     return {WIFEXITED(status) ? WEXITSTATUS(status) : 128, text_of(out), text_of(err)};
   }
 
-  void dump(const std::string& folder, const BoardCameraOptions& options, BoardCamera::Motion motion, int frames) const {
+  void dump(const std::string& folder, const BoardCameraOptions& options, BoardCamera::Motion motion,
+            int frames) const {
     BoardCamera camera(options, std::move(motion), frames);
     platform::dump_sequence(camera, scratch_ / folder, [](int, int) { return true; });
   }
@@ -57,7 +58,8 @@ class CalibrateProgram : public ::testing::Test {
 TEST_F(CalibrateProgram, PrintsABoardAndKeepsForeignFiles) {
   EXPECT_EQ(run("--print-board board.pdf").code, 0);
   EXPECT_EQ(text_of(scratch_ / "board.pdf").substr(0, 5), "%PDF-");
-  EXPECT_EQ(run("--print-board board.pdf --paper Letter --board 8x6 --square 20").code, 0) << "an earlier one is replaced";
+  EXPECT_EQ(run("--print-board board.pdf --paper Letter --board 8x6 --square 20").code, 0)
+      << "an earlier one is replaced";
   std::ofstream(scratch_ / "mine.pdf") << "%PDF- of the user's";
   const Answered refused = run("--print-board mine.pdf");
   EXPECT_EQ(refused.code, 2) << refused.err;

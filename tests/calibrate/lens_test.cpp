@@ -12,8 +12,8 @@
 #include "platform/calibrate/board_vision.h"
 #include "platform/calibrate/lens_fit.h"
 #include "platform/input_error.h"
-#include "tests/support/board_camera.h"
 #include "platform/text.h"
+#include "tests/support/board_camera.h"
 #include "tests/support/board_tools.h"
 
 namespace {
@@ -53,14 +53,15 @@ struct Looked {
 
 Looked looked_at(platform::Camera* camera, const Board& board) {
   Looked looked;
-  looked.found = look_for_board(*camera, board, board_vision(PPTAM_OPENCV_MODULE), {}, [](const BoardViews&) { return true; });
+  looked.found =
+      look_for_board(*camera, board, board_vision(PPTAM_OPENCV_MODULE), {}, [](const BoardViews&) { return true; });
   looked.views = choose_views(looked.found, 40, &looked.blurred);
   return looked;
 }
 
 Looked views_of(const BoardCameraOptions& options, const Board& board, int views) {
-  BoardCamera camera(
-      options, CarefulViews(options.model, options.board, options.seed, options.frames_per_s, views), views);
+  BoardCamera camera(options, CarefulViews(options.model, options.board, options.seed, options.frames_per_s, views),
+                     views);
   return looked_at(&camera, board);
 }
 
@@ -100,10 +101,11 @@ TEST_P(Lens, ComesFromTwentyViews) {
                                         << " blurred";
     const LensFit fit = fit_of(looked, options.board);
     const LensErrors e = errors_of(fit.model, options.model);
-    std::printf("%s, seed %d: %zu views, lens %s, %.3f px rms; focal length %.3f %%, centre %.2f px, any pixel %.3f px "
-                "(told: %.2f)\n",
-                GetParam(), static_cast<int>(seed), fit.views.size(), name_of(fit.solution.kind), fit.rms_px,
-                100 * e.focal, e.centre_px, e.pixel_px, fit.uncertain_px.value_or(0));
+    std::printf(
+        "%s, seed %d: %zu views, lens %s, %.3f px rms; focal length %.3f %%, centre %.2f px, any pixel %.3f px "
+        "(told: %.2f)\n",
+        GetParam(), static_cast<int>(seed), fit.views.size(), name_of(fit.solution.kind), fit.rms_px, 100 * e.focal,
+        e.centre_px, e.pixel_px, fit.uncertain_px.value_or(0));
     EXPECT_TRUE(good(e));
     worst.focal = std::max(worst.focal, e.focal);
     worst.centre_px = std::max(worst.centre_px, e.centre_px);
@@ -195,8 +197,10 @@ TEST_F(LensViews, BlurredOnesAreSkipped) {
         const double frame = std::round(t_s * options.frames_per_s);
         if (std::fmod(frame, 3) == 2) {
           const double since_s = t_s - frame / options.frames_per_s;
-          T.translation().x() += 12 * T.translation().z() / static_cast<double>(options.model.fx) * since_s / options.exposure_s;
-          T.translation().y() += 12 * T.translation().z() / static_cast<double>(options.model.fy) * since_s / options.exposure_s;
+          T.translation().x() +=
+              12 * T.translation().z() / static_cast<double>(options.model.fx) * since_s / options.exposure_s;
+          T.translation().y() +=
+              12 * T.translation().z() / static_cast<double>(options.model.fy) * since_s / options.exposure_s;
         }
         return T;
       },
@@ -213,7 +217,8 @@ TEST_F(LensViews, TiltsAreNamedByTheNearerEdge) {
     Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
     T.linear() = Eigen::AngleAxisd(turn, Eigen::Vector3d::UnitY()).toRotationMatrix();  // positive: the right one
     T.translation().z() = 16;
-    BoardCamera camera(options, [T](double) { return T; }, 1);
+    BoardCamera camera(
+        options, [T](double) { return T; }, 1);
     const Looked looked = looked_at(&camera, options.board);
     ASSERT_EQ(looked.views.size(), 1u);
     EXPECT_GT(-turn * looked.views[0].tilt.x(), 0.1);
@@ -227,7 +232,8 @@ TEST_F(LensViews, StretchedPrintIsTold) {
   options.aspect = 1.04;
   const LensFit fit = fit_of(views_of(options, options.board, 12), options.board);
   bool told = false;
-  for (const std::string& warning : fit.warnings) told = told || warning.find("not; measure its sides") != std::string::npos;
+  for (const std::string& warning : fit.warnings)
+    told = told || warning.find("not; measure its sides") != std::string::npos;
   EXPECT_TRUE(told);
 }
 

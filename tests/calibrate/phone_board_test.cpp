@@ -62,8 +62,8 @@ class PhoneSensor : public platform::Camera {
     if (next_ == *info_.frame_count) return false;
     const double t_s = next_ / info_.frames_per_s;
     sensor_.expose(t_s, static_cast<uint64_t>(next_++), pixels_.data());
-    *frame = {pixels_.data(), info_.model.width, info_.model.height, info_.model.width, PixelFormat::kGrey,
-              std::llround(1e9 * t_s)};
+    *frame = {pixels_.data(),    info_.model.width,  info_.model.height,
+              info_.model.width, PixelFormat::kGrey, std::llround(1e9 * t_s)};
     return true;
   }
 
@@ -86,7 +86,8 @@ class PhoneSensor : public platform::Camera {
 BoardViews looked_through(PhoneSensor* camera, const Board& board, bool every_frame) {
   LookOptions look;
   look.every_frame = every_frame;
-  return look_for_board(*camera, board, board_vision(PPTAM_OPENCV_MODULE), look, [](const BoardViews&) { return true; });
+  return look_for_board(*camera, board, board_vision(PPTAM_OPENCV_MODULE), look,
+                        [](const BoardViews&) { return true; });
 }
 
 TEST(PhoneBoard, LensAndReadout) {
@@ -99,10 +100,11 @@ TEST(PhoneBoard, LensAndReadout) {
   const std::vector<BoardView> views = choose_views(found, 40, &blurred);
   Coverage coverage(found.width, found.height);
   for (const BoardView& view : views) coverage.add(view);
-  const LensFit fit = fit_lens(board, found.width, found.height, views, coverage, board_vision(PPTAM_OPENCV_MODULE), std::nullopt);
-  std::printf("phone's sensor: %zu views, %.3f px rms, fx %.2f of %.2f, any pixel %.3f px (told: %.2f)\n", fit.views.size(),
-              fit.rms_px, fit.solution.fx, static_cast<double>(truth.fx), largest_difference_px(fit.model, truth),
-              fit.uncertain_px.value_or(0));
+  const LensFit fit =
+      fit_lens(board, found.width, found.height, views, coverage, board_vision(PPTAM_OPENCV_MODULE), std::nullopt);
+  std::printf("phone's sensor: %zu views, %.3f px rms, fx %.2f of %.2f, any pixel %.3f px (told: %.2f)\n",
+              fit.views.size(), fit.rms_px, fit.solution.fx, static_cast<double>(truth.fx),
+              largest_difference_px(fit.model, truth), fit.uncertain_px.value_or(0));
   EXPECT_NEAR(fit.solution.fx / static_cast<double>(truth.fx), 1, 0.003);
   EXPECT_NEAR(fit.solution.cx, static_cast<double>(truth.cx), 1.5);
   EXPECT_LT(largest_difference_px(fit.model, truth), 0.3);

@@ -32,13 +32,15 @@ struct ClipOptions {
 BoardViews clip_of(const ClipOptions& o, BoardCameraOptions* options) {
   options->model = lens_named(o.lens);
   options->shutter.axis = o.axis;
-  options->shutter.line_time_s = static_cast<float>(o.readout_s / (o.axis == Axis::kRows ? options->model.height : options->model.width));
+  options->shutter.line_time_s =
+      static_cast<float>(o.readout_s / (o.axis == Axis::kRows ? options->model.height : options->model.width));
   options->exposure_s = o.exposure_s;
   options->seed = o.seed;
   BoardCamera camera(*options, ShakenViews(options->model, options->board, o.seed, o.speed), o.frames);
   LookOptions look;
   look.every_frame = true;
-  return look_for_board(camera, options->board, board_vision(PPTAM_OPENCV_MODULE), look, [](const BoardViews&) { return true; });
+  return look_for_board(camera, options->board, board_vision(PPTAM_OPENCV_MODULE), look,
+                        [](const BoardViews&) { return true; });
 }
 
 class Readout : public ::testing::Test {
@@ -60,12 +62,16 @@ TEST_F(Readout, ComesFromAMovingClip) {
       BoardCameraOptions options;
       const BoardViews clip = clip_of(o, &options);
       const ReadoutFit fit = fit_readout(options.board, clip, options.model, "both");
-      std::printf("seed %d, %+.1f ms: found %+.2f +- %.2f ms, %s, rms %.3f global %.3f, frames %d of %d, %.0f px/s %s\n", static_cast<int>(seed), 1000 * readout_s,
-                  1000 * fit.readout_s, 1000 * fit.sigma_s, fit.axis == Axis::kRows ? "rows" : "columns", fit.rms_px, fit.global_px, fit.frames, clip.frames, fit.speed_px_s, fit.trouble.c_str());
+      std::printf(
+          "seed %d, %+.1f ms: found %+.2f +- %.2f ms, %s, rms %.3f global %.3f, frames %d of %d, %.0f px/s %s\n",
+          static_cast<int>(seed), 1000 * readout_s, 1000 * fit.readout_s, 1000 * fit.sigma_s,
+          fit.axis == Axis::kRows ? "rows" : "columns", fit.rms_px, fit.global_px, fit.frames, clip.frames,
+          fit.speed_px_s, fit.trouble.c_str());
       EXPECT_EQ(fit.trouble, "");
       EXPECT_EQ(fit.axis, o.axis);
       EXPECT_NEAR(fit.readout_s, readout_s, kMaxReadoutError_s);
-      EXPECT_GT(std::abs(fit.readout_s + readout_s), kMaxReadoutError_s) << "the control: another sign is another value";
+      EXPECT_GT(std::abs(fit.readout_s + readout_s), kMaxReadoutError_s)
+          << "the control: another sign is another value";
       worst_s = std::max(worst_s, std::abs(fit.readout_s - readout_s));
     }
   }
@@ -79,7 +85,8 @@ TEST_F(Readout, StillClipCannotTell) {
   BoardCameraOptions options;
   const BoardViews clip = clip_of(o, &options);
   const ReadoutFit fit = fit_readout(options.board, clip, options.model, "both");
-  std::printf("still: %+.1f +- %.2f ms at %.1f px/s: %s\n", 1000 * fit.readout_s, 1000 * fit.sigma_s, fit.speed_px_s, fit.trouble.c_str());
+  std::printf("still: %+.1f +- %.2f ms at %.1f px/s: %s\n", 1000 * fit.readout_s, 1000 * fit.sigma_s, fit.speed_px_s,
+              fit.trouble.c_str());
   EXPECT_NE(fit.trouble.find("cannot tell"), std::string::npos) << fit.trouble;
 }
 

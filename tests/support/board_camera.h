@@ -59,15 +59,15 @@ class BoardCamera : public platform::Camera {
     if (next_ == *info_.frame_count) return false;
     const double t_s = next_ / options_.frames_per_s;
     render(t_s);
-    *frame = {pixels_.data(), info_.model.width, info_.model.height, info_.model.width, PixelFormat::kGrey,
-              std::llround(1e9 * t_s)};
+    *frame = {pixels_.data(),    info_.model.width,  info_.model.height,
+              info_.model.width, PixelFormat::kGrey, std::llround(1e9 * t_s)};
     ++next_;
     return true;
   }
 
  private:
-  static constexpr int kSamples = 64;  // of a pixel: eight by eight, each at a time of its own
-  static constexpr int kStride = 37;  // between the times of neighbouring samples, in 64ths of the exposure
+  static constexpr int kSamples = 64;           // of a pixel: eight by eight, each at a time of its own
+  static constexpr int kStride = 37;            // between the times of neighbouring samples, in 64ths of the exposure
   static constexpr int kFirst = 0, kLast = 19;  // samples at the exposure's ends: 19 * 37 = 63 modulo 64
   static constexpr double kPaper = 0.75, kInk = 0.0625, kTable = 0.25;  // sums of eight are exact
 
@@ -107,7 +107,8 @@ class BoardCamera : public platform::Camera {
     for (int line = 0; line < lines; ++line) {
       const double line_s = (line - 0.5 * (lines - 1)) * static_cast<double>(options_.shutter.line_time_s);
       for (int k = 0; k < kSamples; ++k)
-        planes.push_back(to_board(t_s + line_s + options_.exposure_s * ((k * kStride % kSamples + 0.5) / kSamples - 0.5)));
+        planes.push_back(
+            to_board(t_s + line_s + options_.exposure_s * ((k * kStride % kSamples + 0.5) / kSamples - 0.5)));
     }
     sim::Random random(options_.seed, 5000 + static_cast<uint64_t>(next_));
     for (size_t i = 0; i < pixels_.size(); ++i) {
@@ -119,7 +120,8 @@ class BoardCamera : public platform::Camera {
                      rays_[i].centre + spread * x * rays_[i].across + spread * y * rays_[i].down);
       };
       double sum = 0;
-      for (const int k : {kFirst, kLast}) sum += at(k, -0.5, -0.5) + at(k, 0.5, -0.5) + at(k, -0.5, 0.5) + at(k, 0.5, 0.5);
+      for (const int k : {kFirst, kLast})
+        sum += at(k, -0.5, -0.5) + at(k, 0.5, -0.5) + at(k, -0.5, 0.5) + at(k, 0.5, 0.5);
       sum *= 0.125;
       if (sum != kPaper && sum != kInk && sum != kTable) {  // an edge
         sum = 0;
@@ -210,7 +212,8 @@ class ShakenViews {
     T.linear() = (Eigen::AngleAxisd(0.15 * speed_ * wave(0), Eigen::Vector3d::UnitZ()) *
                   Eigen::AngleAxisd(0.3 + 0.1 * speed_ * wave(1), Eigen::Vector3d(0.8, 0.6, 0)))
                      .toRotationMatrix();
-    T.translation() = Eigen::Vector3d(amplitude * wave(2), 0.6 * amplitude * wave(3), distance_ + 0.8 * amplitude * wave(4));
+    T.translation() =
+        Eigen::Vector3d(amplitude * wave(2), 0.6 * amplitude * wave(3), distance_ + 0.8 * amplitude * wave(4));
     return T;
   }
 

@@ -13,9 +13,9 @@
 namespace pptam::platform {
 namespace {
 
-constexpr int kSearchSide_px = 1000;    // longer side of the image in which boards are sought: more costs time only
-constexpr double kWindowShare = 0.45;   // of the distance between corners: a corner's window holds no other corner
-constexpr int kMinWindow_px = 2;        // half sides of that window
+constexpr int kSearchSide_px = 1000;   // longer side of the image in which boards are sought: more costs time only
+constexpr double kWindowShare = 0.45;  // of the distance between corners: a corner's window holds no other corner
+constexpr int kMinWindow_px = 2;       // half sides of that window
 constexpr int kMaxWindow_px = 15;
 constexpr double kSoftness_px = 1.0;    // of a blur before corners are centred: between pixels the image is smooth then
 constexpr double kMaxBoardRatio = 3.0;  // between neighbouring distances of corners, else it is no board
@@ -51,7 +51,8 @@ bool is_regular(const std::vector<cv::Point2f>& corners, int across) {
 }
 
 double sample_at(const cv::Mat& image, double x, double y) {
-  const int ix = std::clamp(static_cast<int>(x), 0, image.cols - 2), iy = std::clamp(static_cast<int>(y), 0, image.rows - 2);
+  const int ix = std::clamp(static_cast<int>(x), 0, image.cols - 2),
+            iy = std::clamp(static_cast<int>(y), 0, image.rows - 2);
   const double fx = x - ix, fy = y - iy;
   const float* const top = image.ptr<float>(iy) + ix;
   const float* const bottom = image.ptr<float>(iy + 1) + ix;
@@ -77,8 +78,9 @@ void centre_corner(const cv::Mat& image, double radius, cv::Point2f* corner) {
         if (distance_sq > radius * radius) continue;
         const double ahead = sample_at(image, q.x() + x, q.y() + y), behind = sample_at(image, q.x() - x, q.y() - y);
         const auto slope = [&](double dx, double dy) {
-          return 0.5 * (sample_at(image, q.x() + x + dx, q.y() + y + dy) - sample_at(image, q.x() + x - dx, q.y() + y - dy) -
-                        sample_at(image, q.x() - x + dx, q.y() - y + dy) + sample_at(image, q.x() - x - dx, q.y() - y - dy));
+          return 0.5 *
+                 (sample_at(image, q.x() + x + dx, q.y() + y + dy) - sample_at(image, q.x() + x - dx, q.y() + y - dy) -
+                  sample_at(image, q.x() - x + dx, q.y() - y + dy) + sample_at(image, q.x() - x - dx, q.y() - y - dy));
         };
         const double mean = 0.5 * (ahead + behind);
         const Eigen::Vector4d row(slope(1, 0), slope(0, 1), mean * x / radius, mean * y / radius);
@@ -160,8 +162,8 @@ class OpenCvVision : public BoardVision {
       corner.x = static_cast<float>((corner.x + 0.5) * scale_x - 0.5);
       corner.y = static_cast<float>((corner.y + 0.5) * scale_y - 0.5);
     }
-    const int window = std::clamp(static_cast<int>(kWindowShare * min_spacing(found, size.width)), kMinWindow_px,
-                                  kMaxWindow_px);
+    const int window =
+        std::clamp(static_cast<int>(kWindowShare * min_spacing(found, size.width)), kMinWindow_px, kMaxWindow_px);
     cv::cornerSubPix(image, found, {window, window}, {-1, -1},
                      {cv::TermCriteria::EPS | cv::TermCriteria::COUNT, 60, 0.001});
     cv::Mat soft;
