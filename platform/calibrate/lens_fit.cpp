@@ -28,6 +28,7 @@ constexpr size_t kFolds = 5;              // of the jackknife
 
 std::vector<std::vector<Vector2d>> corners_of(const std::vector<BoardView>& views) {
   std::vector<std::vector<Vector2d>> corners;
+  corners.reserve(views.size());
   for (const BoardView& view : views) corners.push_back(view.corners);
   return corners;
 }

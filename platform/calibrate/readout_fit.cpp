@@ -318,6 +318,7 @@ ReadoutFit fit_readout(const Board& board, const BoardViews& views, const Camera
   if (axes != "rows") tried.push_back(Axis::kColumns);
   drop_misread(&clip, tried);
   std::vector<AxisFit> fits;
+  fits.reserve(tried.size());
   for (const Axis axis : tried) fits.push_back(fit_axis(&clip, axis));
   std::stable_sort(fits.begin(), fits.end(),
                    [](const AxisFit& a, const AxisFit& b) { return sum_of(a.costs) < sum_of(b.costs); });

@@ -45,7 +45,7 @@ class BoardCamera : public platform::Camera {
     info_.name = "board, seed " + std::to_string(options.seed);
     for (int y = 0; y < info_.model.height; ++y) {
       for (int x = 0; x < info_.model.width; ++x) {
-        const auto at = [&](float dx, float dy) {
+        const auto at = [&](float dx, float dy) -> Eigen::Vector2d {
           return info_.model.unproject(Vector2f(static_cast<float>(x) + dx, static_cast<float>(y) + dy)).cast<double>();
         };
         rays_.push_back({at(0, 0), at(0.5f, 0) - at(-0.5f, 0), at(0, 0.5f) - at(0, -0.5f)});
