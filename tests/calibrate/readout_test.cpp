@@ -25,7 +25,7 @@ struct ClipOptions {
   double speed = 1;
   double exposure_s = 0.008;
   uint64_t seed = 1;
-  int frames = 90;
+  int frames = 60;
   const char* lens = "barrel";
 };
 
@@ -54,7 +54,7 @@ TEST_F(Readout, ComesFromAMovingClip) {
   const int seeds = std::getenv("PPTAM_ALL") != nullptr ? 10 : 1;
   double worst_s = 0;
   for (uint64_t seed = 1; seed <= static_cast<uint64_t>(seeds); ++seed) {
-    for (const double readout_s : {0.020, -0.030, 0.010}) {
+    for (const double readout_s : {0.020, -0.030}) {
       ClipOptions o;
       o.seed = seed;
       o.readout_s = readout_s;
