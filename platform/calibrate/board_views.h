@@ -55,7 +55,9 @@ class Coverage {
   Coverage(int width, int height) : width_(width), height_(height) {}
   void add(const BoardView& view);
 
-  int views_at(int column, int row) const { return cells_[static_cast<size_t>(row) * kCells + static_cast<size_t>(column)]; }
+  int views_at(int column, int row) const {
+    return cells_[static_cast<size_t>(row) * kCells + static_cast<size_t>(column)];
+  }
   double share() const;                        // of cells that were seen
   bool is_lacking(int column, int row) const;  // a ninth of the image in which the board was hardly seen
   // What is missing, a sentence each of what to do; empty: nothing.
