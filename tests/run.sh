@@ -18,7 +18,7 @@ Without options the presets below, one after the other:
 are otherwise sampled, and the whole program for boards with Debian, emulated: board-arm64, board-armhf, board-armel.
 With other options one preset, test if none is named; those that are not known here go to ctest:
   tests/run.sh -L unit                   only the tests of one folder: unit, kernels, map_file, budget, scenario,
-                                         cli, platform
+                                         calibrate, cli, platform
   tests/run.sh -R Pyramid                only tests whose name matches
   tests/run.sh --rerun-failed            only those that failed the last time
   tests/run.sh --preset armv6 -R OfAFrame --verbose      the table of instructions a frame

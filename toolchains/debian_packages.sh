@@ -9,7 +9,8 @@ program_packages=(
   libcli11-dev libcairo2-dev                            # the program: options, pictures
   ffmpeg gnuplot-nox                                    # the program runs them: videos, plots
 )
-test_packages=(libgtest-dev)
+calibrate_packages=(libopencv-calib3d-dev)              # only calibrate needs it, and it is large: not the program's
+test_packages=(libgtest-dev "${calibrate_packages[@]}")
 target_packages=(                                       # tests/run.sh runs the core on other processors
   g++-arm-linux-gnueabi g++-arm-linux-gnueabihf g++-aarch64-linux-gnu qemu-user
 )

@@ -50,6 +50,7 @@ int run_program(int argc, char** argv) {
       "  pocket-ptam replay clip.mp4 --fov 50             a video, with a guessed field of view\n"
       "  pocket-ptam cameras                              what can be used live\n"
       "  pocket-ptam live --fov 60                        the first camera; poses on standard output\n"
+      "  pocket-ptam calibrate views/                     a camera, from views of a checkerboard\n"
       "  pocket-ptam eval trajectory.txt groundtruth.txt  compare two trajectories\n"
       "  pocket-ptam map info desk.map                    what is in a saved map\n"
       "Each command has its own --help.\n"
@@ -62,6 +63,7 @@ int run_program(int argc, char** argv) {
                                          add_live(app, command_line),
                                          add_cameras(app),
                                          add_readout(app),
+                                         add_calibrate(app, command_line),
                                          add_eval(app),
                                          add_map(app)};
 
@@ -84,7 +86,7 @@ int run_program(int argc, char** argv) {
   for (const Command& command : commands) {
     if (command.options->parsed()) return command.run();
   }
-  throw InputError("no command given: sim, replay, live, cameras, readout, eval or map; see pocket-ptam --help");
+  throw InputError("no command given: sim, replay, live, cameras, readout, calibrate, eval or map; see pocket-ptam --help");
 }
 
 int exit_code_of(int argc, char** argv) {

@@ -6,7 +6,6 @@
 #include "platform/app/commands.h"
 #include "platform/app/options.h"
 #include "platform/app/single_run.h"
-#include "platform/camera/image_list.h"
 #include "platform/input_error.h"
 #include "platform/run/console.h"
 #include "platform/run/live_recording.h"
@@ -24,23 +23,6 @@ struct ReplayChoice {
   RunOptions run;
   OutputOptions output;
 };
-
-// All files that the recording is read from.
-void add_inputs(const RecordingOptions& recording, Knowledge* knowledge) {
-  Inputs& inputs = knowledge->inputs;
-  inputs.add("the recording", recording.source);
-  inputs.add("the calibration", recording.calibration);
-  std::error_code ignored;
-  const bool is_folder = std::filesystem::is_directory(recording.source, ignored);
-  if (std::filesystem::is_regular_file(recording.source, ignored) && !is_list(recording.source)) return;
-  const ImageList list = list_images(recording.source, nullptr);
-  for (const ImageEntry& image : list.images) inputs.add("the image", image.file);
-  for (const std::filesystem::path& truth : {list.ground_truth.tum, list.ground_truth.euroc})
-    inputs.add("the ground truth", truth);
-  inputs.add("the calibration", list.calibration);
-  if (is_folder) knowledge->image_folders.push_back(recording.source);
-  if (!list.images.empty()) knowledge->image_folders.push_back(list.images.front().file.parent_path());
-}
 
 // A map that was made with images of another size: the larger ones of the two are made as small as the others, the
 // recording's here, the map's by System::load_map. Whether it is the same lens is seen there.

@@ -12,6 +12,7 @@
 #include <span>
 
 #include "platform/app/commands.h"
+#include "platform/camera/image_list.h"
 #include "platform/files.h"
 #include "platform/input_error.h"
 #include "platform/run/console.h"
@@ -27,23 +28,6 @@ namespace pptam::app {
 namespace {
 
 using namespace platform;
-
-// "desk, seed 3" -> "desk-seed-3".
-std::string folder_name(const std::string& name) {
-  std::string folder;
-  for (const char c : name) {
-    const bool plain =
-        (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' || c == '.';
-    if (plain) {
-      folder += c;
-    } else if (!folder.empty() && folder.back() != '-') {
-      folder += '-';
-    }
-  }
-  while (!folder.empty() && (folder.back() == '-' || folder.back() == '.')) folder.pop_back();
-  while (!folder.empty() && folder.front() == '.') folder.erase(0, 1);
-  return folder.empty() ? "run" : folder;
-}
 
 constexpr const char* kVideo = "overlay.mp4";
 const std::vector<std::string> kOutputs = {"trajectory.txt", "keyframes.txt", "map.ply",     "frames.csv",
@@ -259,6 +243,38 @@ void check_map_file(const std::string& file, const Inputs& inputs) {
 void write_map_file(const std::string& file, std::span<const std::byte> map) {
   judge_output_file("--save-map", file, {}, "a sound map", is_sound_map);  // may have come meanwhile
   write_atomically(file, map);
+}
+
+std::string folder_name(const std::string& name) {
+  std::string folder;
+  for (const char c : name) {
+    const bool plain =
+        (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' || c == '.';
+    if (plain) {
+      folder += c;
+    } else if (!folder.empty() && folder.back() != '-') {
+      folder += '-';
+    }
+  }
+  while (!folder.empty() && (folder.back() == '-' || folder.back() == '.')) folder.pop_back();
+  while (!folder.empty() && folder.front() == '.') folder.erase(0, 1);
+  return folder.empty() ? "run" : folder;
+}
+
+void add_inputs(const RecordingOptions& recording, Knowledge* knowledge) {
+  Inputs& inputs = knowledge->inputs;
+  inputs.add("the recording", recording.source);
+  inputs.add("the calibration", recording.calibration);
+  std::error_code ignored;
+  const bool is_folder = std::filesystem::is_directory(recording.source, ignored);
+  if (std::filesystem::is_regular_file(recording.source, ignored) && !is_list(recording.source)) return;
+  const ImageList list = list_images(recording.source, nullptr);
+  for (const ImageEntry& image : list.images) inputs.add("the image", image.file);
+  for (const std::filesystem::path& truth : {list.ground_truth.tum, list.ground_truth.euroc})
+    inputs.add("the ground truth", truth);
+  inputs.add("the calibration", list.calibration);
+  if (is_folder) knowledge->image_folders.push_back(recording.source);
+  if (!list.images.empty()) knowledge->image_folders.push_back(list.images.front().file.parent_path());
 }
 
 int run_and_write(platform::Camera& camera, const RunOptions& run_options, const OutputOptions& output,

@@ -41,4 +41,10 @@ int run_and_write(const std::string& name, const platform::Trajectory& truth, co
 void check_map_file(const std::string& file, const platform::Inputs& inputs);
 void write_map_file(const std::string& file, std::span<const std::byte> map);
 
+// Adds all files that the recording is read from.
+void add_inputs(const platform::RecordingOptions& recording, Knowledge* knowledge);
+
+// The usual folder of results in out/: "desk, seed 3" -> "desk-seed-3".
+std::string folder_name(const std::string& name);
+
 }  // namespace pptam::app

@@ -170,6 +170,56 @@ Eigen::Isometry3d read_camera_to_body(const std::filesystem::path& file) {
   });
 }
 
+std::string calibration_yaml(const Calibration& calibration) {
+  const CameraModel& m = calibration.model;
+  const bool columns = calibration.shutter.axis == RollingShutter::Axis::kColumns;
+  const double line_time_s = static_cast<double>(calibration.shutter.line_time_s);
+  const double readout_s = std::abs(line_time_s) * (columns ? m.width : m.height);
+  const char* distortion = "none";
+  int coefficients = 0;
+  if (m.distortion == Distortion::kFov) {
+    distortion = "fov";
+    coefficients = 1;
+  } else if (m.distortion == Distortion::kRadTan) {
+    distortion = "radtan";
+    coefficients = m.coeffs[4] == 0 ? 4 : 5;
+  } else if (m.distortion == Distortion::kEquidistant) {
+    distortion = "equidistant";
+    coefficients = 4;
+  }
+  const auto number = [](double value, int digits = 9) { return format("%.*g", digits, value); };
+  std::string coeffs;
+  for (int i = 0; i < coefficients; ++i) coeffs += (i > 0 ? ", " : "") + number(static_cast<double>(m.coeffs[i]));
+  const auto px = [&](float value) { return number(static_cast<double>(value)); };
+  return "# Pixel centres at integers. readout_* and exposure_s: rolling shutter, seconds; direction 1: larger\n"
+         "# coordinates are exposed later. A frame's timestamp is the mid-exposure of the image centre.\n"
+         "cam0:\n"
+         "  camera_model: pinhole\n"
+         "  intrinsics: [" +
+         px(m.fx) + ", " + px(m.fy) + ", " + px(m.cx) + ", " + px(m.cy) +
+         "]\n"
+         "  distortion_model: " +
+         distortion +
+         "\n"
+         "  distortion_coeffs: [" +
+         coeffs +
+         "]\n"
+         "  resolution: [" +
+         std::to_string(m.width) + ", " + std::to_string(m.height) +
+         "]\n"
+         "  readout_s: " +
+         number(readout_s, 7) +
+         "\n"
+         "  readout_axis: " +
+         (columns ? "columns" : "rows") +
+         "\n"
+         "  readout_direction: " +
+         (line_time_s < 0 ? "-1" : "1") +
+         "\n"
+         "  exposure_s: " +
+         number(static_cast<double>(calibration.exposure_s), 7) + "\n";
+}
+
 Calibration guess_calibration(int width, int height, double fov_degrees) {
   if (!(fov_degrees >= 1 && fov_degrees < 170)) {
     throw InputError("a field of view of " + std::to_string(fov_degrees) + " degrees is not between 1 and 170");

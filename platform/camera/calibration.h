@@ -37,6 +37,9 @@ Calibration calibration_of(std::vector<std::byte> bytes, const std::string& name
 // Camera to body: EuRoC's T_BS, or the inverse of T_cam_imu of Kalibr's first camera.
 Eigen::Isometry3d read_camera_to_body(const std::filesystem::path& file);
 
+// What --calibration reads again, the lens with the same bits: Kalibr's form with our keys.
+std::string calibration_yaml(const Calibration& calibration);
+
 // A calibration for want of a better one: pinhole, square pixels, principal point in the centre. fov_degrees is
 // horizontal, from the left edge of the image to the right.
 Calibration guess_calibration(int width, int height, double fov_degrees);

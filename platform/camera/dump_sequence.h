@@ -17,8 +17,7 @@ namespace pptam::platform {
 void dump_sequence(Camera& camera, const std::filesystem::path& folder,
                    const std::function<bool(int done, int total)>& go_on);
 
-// Of such a sequence: a frame's time in its image's name and in rgb.txt, "12.345678901", and calibration.yaml.
+// A frame's time in its image's name and in rgb.txt: "12.345678901".
 std::string timestamp_name(int64_t timestamp_ns);
-std::string calibration_text(const CameraInfo& info);
 
 }  // namespace pptam::platform

@@ -22,6 +22,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr double kNsPerS = 1e9;
+constexpr double kAnyFov_degrees = 60;    // of a camera whose calibration nobody asks for
 constexpr double kMaxAspectError = 0.05;  // of pixels, between file and calibration; calibrations are better than 1 %
 
 bool is_file(const fs::path& path) {
@@ -353,9 +354,10 @@ std::unique_ptr<Camera> open(const RecordingOptions& options, const Warn& warn, 
   info.frame_count = opened.frame_count;
   info.frames_per_s = opened.frames_per_s;
   Trajectory ground_truth = std::move(opened.ground_truth);
-  const fs::path calibration_path = options.calibration.empty() ? opened.calibration : options.calibration;
+  fs::path calibration_path = options.calibration.empty() ? opened.calibration : options.calibration;
+  if (options.uncalibrated) calibration_path.clear();
 
-  if (calibration_path.empty() && options.fov_degrees == 0) {
+  if (calibration_path.empty() && options.fov_degrees == 0 && !options.uncalibrated) {
     throw InputError("no calibration for " + source_path.string() + ": give --calibration FILE or --fov DEGREES");
   }
   GreyPixels first;
@@ -366,7 +368,9 @@ std::unique_ptr<Camera> open(const RecordingOptions& options, const Warn& warn, 
 
   Calibration calibration;
   const std::string aspect = number_text(opened.pixel_aspect) + " times as wide as high";
-  if (calibration_path.empty()) {
+  if (options.uncalibrated) {
+    calibration = guess_calibration(first.width, first.height, kAnyFov_degrees);
+  } else if (calibration_path.empty()) {
     calibration = guess_calibration(first.width, first.height, options.fov_degrees);
     calibration.model.fy *= static_cast<float>(opened.pixel_aspect);
     warn("no calibration: assuming a field of view of " + number_text(options.fov_degrees) +

@@ -20,6 +20,7 @@ struct RecordingOptions {
   std::filesystem::path source;
   std::filesystem::path calibration;  // empty: fov_degrees is used
   double fov_degrees = 0;             // horizontal field of view of the source image, when there is no calibration
+  bool uncalibrated = false;          // the images alone count: any calibration is as good as none
   int resize_width = 0;               // after rotation; 0: keep
   int resize_height = 0;
   int every = 1;           // keep one frame of so many

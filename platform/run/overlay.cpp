@@ -13,14 +13,12 @@
 #include <pocket_ptam/image.h>
 #include "platform/input_error.h"
 #include "platform/run/names.h"
+#include "platform/run/picture.h"
 #include "platform/run/video_writer.h"
 
 namespace pptam::platform {
 namespace {
 
-struct Colour {
-  double r, g, b;
-};
 constexpr Colour kGreen = {0.20, 0.85, 0.40};
 constexpr Colour kRed = {0.95, 0.25, 0.25};
 constexpr Colour kYellow = {1.00, 0.82, 0.20};
@@ -34,39 +32,7 @@ constexpr Colour kRoof = {0.82, 0.29, 0.22};
 constexpr Colour kDoor = {0.45, 0.27, 0.16};
 constexpr Colour kWindow = {0.48, 0.70, 0.86};
 
-struct SurfaceDeleter {
-  void operator()(cairo_surface_t* surface) const { cairo_surface_destroy(surface); }
-};
-using Surface = std::unique_ptr<cairo_surface_t, SurfaceDeleter>;
-struct ContextDeleter {
-  void operator()(cairo_t* context) const { cairo_destroy(context); }
-};
-using Context = std::unique_ptr<cairo_t, ContextDeleter>;
-
-Surface make_surface(int width, int height) {
-  Surface surface(cairo_image_surface_create(CAIRO_FORMAT_ARGB32, width, height));
-  if (cairo_surface_status(surface.get()) != CAIRO_STATUS_SUCCESS)
-    throw InputError("no memory for the overlay picture");
-  return surface;
-}
-
-void set_colour(cairo_t* cr, const Colour& c, double alpha = 1) {
-  cairo_set_source_rgba(cr, c.r, c.g, c.b, alpha);
-}
-
 // Draws world geometry: clips it to what the camera model can project, and bends it as the lens does.
-std::string png_of(const Surface& surface) {
-  std::string png;
-  if (!surface) return png;
-  const auto append = [](void* text, const unsigned char* bytes, unsigned int count) {
-    static_cast<std::string*>(text)->append(reinterpret_cast<const char*>(bytes), count);
-    return CAIRO_STATUS_SUCCESS;
-  };
-  const cairo_status_t status = cairo_surface_write_to_png_stream(surface.get(), append, &png);
-  if (status != CAIRO_STATUS_SUCCESS) throw InputError(std::string("a still: ") + cairo_status_to_string(status));
-  return png;
-}
-
 class Projector {
  public:
   Projector(const CameraModel& model, double scale) : model_(model), scale_(scale) {

@@ -1,0 +1,358 @@
+#include "platform/calibrate/readout_fit.h"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "platform/calibrate/plane_pose.h"
+#include "platform/text.h"
+
+namespace pptam::platform {
+namespace {
+
+using Axis = RollingShutter::Axis;
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+
+constexpr int kReach = 2;             // neighbours on either side that tell the motion: a polynomial of degree four
+constexpr double kMaxGap = 2.5;       // frame intervals between neighbours
+constexpr int kSteps = 6;             // of the readout in either direction, up to the time between two frames
+constexpr double kFinest = 1.0 / 48;  // last step, in frame intervals
+constexpr int kPoseRounds = 4;        // of poses from motion and motion from poses
+constexpr int kBlocks = 10;           // of the jackknife
+constexpr int kMinFrames = 30;        // three for each of its blocks
+constexpr double kBadFrameRatio = 3;  // of a frame's rms to the median: a misread board
+constexpr double kMaxSigma = 0.05;    // of the frame interval: beyond, the clip does not tell
+constexpr double kMinGain = 3;        // standard deviations by which the better axis must be better
+
+struct MotionFrame {
+  double t_s = 0;
+  double speed_px_s = 0;
+  std::vector<Vector2d> rays;    // (x/z, y/z) of the corners, undistorted
+  std::vector<double> lines[2];  // by axis: (line - middle) / lines, from -0.5 to 0.5
+  std::vector<size_t> near;      // frames before and after; empty: this one takes no part
+  Eigen::Isometry3d still;       // the board's coordinates to the camera's, as of a global shutter
+  Matrix3d R;                    // the same under the readout at hand, at the frame's time
+  Vector3d t;
+};
+
+// A board read from its other end is the same board: the reading that is nearer to the frame before.
+void align_to(const std::vector<Vector2d>& before, std::vector<Vector2d>* corners) {
+  double forward = 0, turned = 0;
+  const size_t n = corners->size();
+  for (size_t i = 0; i < n; ++i) {
+    forward += (before[i] - (*corners)[i]).norm();
+    turned += (before[i] - (*corners)[n - 1 - i]).norm();
+  }
+  if (turned < forward) std::reverse(corners->begin(), corners->end());
+}
+
+Matrix3d cross_matrix(const Vector3d& v) {
+  Matrix3d m;
+  m << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
+  return m;
+}
+
+Matrix3d turn_by(const Vector3d& phi) {
+  const double angle = phi.norm();
+  if (angle == 0) return Matrix3d::Identity();
+  return Eigen::AngleAxisd(angle, phi / angle).toRotationMatrix();
+}
+
+// The board's motion about a frame: the polynomials of its turn and its shift since then, which are 0 at that time.
+class Motion {
+ public:
+  Motion(const std::vector<MotionFrame>& frames, const MotionFrame& frame, double unit_s) : unit_s_(unit_s) {
+    const Eigen::Index degree = static_cast<Eigen::Index>(frame.near.size());
+    Eigen::MatrixXd powers(degree, degree);
+    Eigen::MatrixXd values(degree, 6);
+    for (Eigen::Index k = 0; k < degree; ++k) {
+      const MotionFrame& other = frames[frame.near[static_cast<size_t>(k)]];
+      const Eigen::AngleAxisd turn(other.R * frame.R.transpose());
+      values.row(k) << (turn.angle() * turn.axis()).transpose(), (other.t - frame.t).transpose();
+      const double at = (other.t_s - frame.t_s) / unit_s_;
+      for (Eigen::Index p = 0; p < degree; ++p) powers(k, p) = std::pow(at, static_cast<double>(p + 1));
+    }
+    coefficients_ = powers.partialPivLu().solve(values);
+  }
+
+  // Turn and shift at a time relative to the frame's.
+  Eigen::Matrix<double, 6, 1> at(double dt_s) const {
+    const double x = dt_s / unit_s_;
+    Eigen::Matrix<double, 1, 6> value = Eigen::Matrix<double, 1, 6>::Zero();
+    for (Eigen::Index p = coefficients_.rows(); p-- > 0;) value = (value + coefficients_.row(p)) * x;
+    return value.transpose();
+  }
+
+ private:
+  double unit_s_;
+  Eigen::MatrixXd coefficients_;
+};
+
+class Clip {
+ public:
+  Clip(const Board& board, const BoardViews& views, const CameraModel& model)
+      : focal_px_(static_cast<double>(model.fx)) {
+    const std::vector<Vector2d> plane = board.plane();
+    for (const Vector2d& p : plane) board_.emplace_back(p.x(), p.y(), 0);
+    std::vector<Vector2d> before;
+    for (const BoardView& view : views.views) {
+      std::vector<Vector2d> corners = view.corners;
+      if (!before.empty()) align_to(before, &corners);
+      MotionFrame frame;
+      frame.t_s = 1e-9 * static_cast<double>(view.timestamp_ns - views.views.front().timestamp_ns);
+      frame.speed_px_s = view.speed_px_s;
+      for (const Vector2d& px : corners) {
+        frame.rays.push_back(model.unproject(px.cast<float>()).cast<double>());
+        frame.lines[0].push_back((px.y() - 0.5 * (model.height - 1)) / model.height);
+        frame.lines[1].push_back((px.x() - 0.5 * (model.width - 1)) / model.width);
+      }
+      frame.still = plane_pose(plane, frame.rays);
+      frames_.push_back(std::move(frame));
+      before = std::move(corners);
+    }
+    link();
+  }
+
+  double interval_s() const { return interval_s_; }
+  size_t corners() const { return board_.size(); }
+
+  // Of the frames that take part.
+  std::vector<double> speeds() const {
+    std::vector<double> speeds;
+    for (const MotionFrame& frame : frames_)
+      if (!frame.near.empty()) speeds.push_back(frame.speed_px_s);
+    return speeds;
+  }
+
+  // Sums of squared distances, px^2, of each frame that takes part.
+  std::vector<double> costs(Axis axis, double readout_s) {
+    for (MotionFrame& frame : frames_) {
+      frame.R = frame.still.linear();
+      frame.t = frame.still.translation();
+    }
+    std::vector<double> costs;
+    for (int round = 0; round < kPoseRounds; ++round) {
+      costs.clear();
+      std::vector<MotionFrame> improved = frames_;
+      for (size_t i = 0; i < frames_.size(); ++i) {
+        if (!frames_[i].near.empty()) costs.push_back(improve(axis, readout_s, frames_[i], &improved[i]));
+      }
+      frames_ = std::move(improved);
+    }
+    return costs;
+  }
+
+  // Frames whose costs, in the order of costs(), are larger take part no more.
+  void drop(const std::vector<double>& costs, double most) {
+    size_t i = 0;
+    for (MotionFrame& frame : frames_) {
+      if (!frame.near.empty() && costs[i++] > most) frame.near.clear();
+    }
+  }
+
+ private:
+  // Which frames follow each other without a gap.
+  void link() {
+    std::vector<double> steps;
+    for (size_t i = 1; i < frames_.size(); ++i) steps.push_back(frames_[i].t_s - frames_[i - 1].t_s);
+    if (steps.empty()) return;
+    std::nth_element(steps.begin(), steps.begin() + static_cast<ptrdiff_t>(steps.size() / 2), steps.end());
+    interval_s_ = steps[steps.size() / 2];
+    const auto follows = [&](size_t i) {  // on the one before
+      const double step = frames_[i].t_s - frames_[i - 1].t_s;
+      return step > 0.2 * interval_s_ && step < kMaxGap * interval_s_;
+    };
+    for (size_t i = 0; i < frames_.size(); ++i) {
+      std::vector<size_t> before, after;
+      for (size_t k = i; k > 0 && before.size() < kReach && follows(k); --k) before.push_back(k - 1);
+      for (size_t k = i + 1; k < frames_.size() && after.size() < kReach && follows(k); ++k) after.push_back(k);
+      if (before.empty() || after.empty()) continue;
+      frames_[i].near = before;
+      frames_[i].near.insert(frames_[i].near.end(), after.begin(), after.end());
+    }
+  }
+
+  // One step of Gauss-Newton on the pose, the motion about it as it is. The cost before it.
+  double improve(Axis axis, double readout_s, const MotionFrame& frame, MotionFrame* improved) const {
+    const Motion motion(frames_, frame, interval_s_);
+    Eigen::Matrix<double, 6, 6> A = Eigen::Matrix<double, 6, 6>::Zero();
+    Eigen::Matrix<double, 6, 1> b = Eigen::Matrix<double, 6, 1>::Zero();
+    double cost = 0;
+    for (size_t i = 0; i < board_.size(); ++i) {
+      const Eigen::Matrix<double, 6, 1> moved = motion.at(readout_s * frame.lines[axis == Axis::kColumns ? 1 : 0][i]);
+      const Matrix3d turn = turn_by(moved.head<3>());
+      const Vector3d turned = frame.R * board_[i];
+      const Vector3d q = turn * turned + frame.t + moved.tail<3>();
+      const Vector2d error = focal_px_ * (frame.rays[i] - Vector2d(q.x() / q.z(), q.y() / q.z()));
+      cost += error.squaredNorm();
+      Eigen::Matrix<double, 2, 3> J_px_q;
+      J_px_q << 1 / q.z(), 0, -q.x() / (q.z() * q.z()), 0, 1 / q.z(), -q.y() / (q.z() * q.z());
+      Eigen::Matrix<double, 2, 6> J;  // by turn and shift
+      J << focal_px_ * J_px_q * turn * -cross_matrix(turned), focal_px_ * J_px_q;
+      A += J.transpose() * J;
+      b += J.transpose() * error;
+    }
+    const Eigen::Matrix<double, 6, 1> step = A.ldlt().solve(b);
+    improved->R = turn_by(step.head<3>()) * frame.R;
+    improved->t = frame.t + step.tail<3>();
+    return cost;
+  }
+
+  std::vector<Vector3d> board_;
+  std::vector<MotionFrame> frames_;
+  double focal_px_;
+  double interval_s_ = 0;
+};
+
+double sum_of(const std::vector<double>& values) {
+  double sum = 0;
+  for (const double value : values) sum += value;
+  return sum;
+}
+
+double median_of(std::vector<double> values) {
+  std::nth_element(values.begin(), values.begin() + static_cast<ptrdiff_t>(values.size() / 2), values.end());
+  return values[values.size() / 2];
+}
+
+// Mean of the values but those of a block left out: a tenth of them, side by side. block -1: of all.
+double mean_without(const std::vector<double>& values, int block) {
+  double sum = 0, count = 0;
+  for (size_t i = 0; i < values.size(); ++i) {
+    if (static_cast<int>(i * kBlocks / values.size()) == block) continue;
+    sum += values[i];
+    count += 1;
+  }
+  return sum / count;
+}
+
+// Standard deviation of a statistic of all blocks from its values without each (jackknife).
+template <class Statistic>
+double jackknife_sigma(const Statistic& without) {
+  double mean = 0, squares = 0;
+  double values[kBlocks];
+  for (int block = 0; block < kBlocks; ++block) mean += (values[block] = without(block)) / kBlocks;
+  for (const double value : values) squares += (value - mean) * (value - mean);
+  return std::sqrt(squares * (kBlocks - 1) / kBlocks);
+}
+
+// The search along one axis.
+struct AxisFit {
+  Axis axis = Axis::kRows;
+  double readout_s = 0, sigma_s = 0;
+  std::vector<double> costs;  // at about the minimum, by frame
+  std::vector<ReadoutFit::Trial> trials;
+};
+
+AxisFit fit_axis(Clip* clip, Axis axis) {
+  AxisFit fit;
+  fit.axis = axis;
+  double least = INFINITY, best_s = 0;
+  const auto attempt = [&](double readout_s) {
+    std::vector<double> costs = clip->costs(axis, readout_s);
+    const double cost = sum_of(costs);
+    fit.trials.push_back({axis, readout_s, std::sqrt(cost / static_cast<double>(costs.size() * clip->corners()))});
+    if (cost < least) least = cost, best_s = readout_s;
+    return costs;
+  };
+  double step_s = clip->interval_s() / kSteps;
+  for (int i = -kSteps; i <= kSteps; ++i) attempt(i * step_s);
+  while (step_s > kFinest * clip->interval_s()) {
+    step_s *= 0.5;
+    const double middle_s = best_s;
+    attempt(middle_s - step_s);
+    attempt(middle_s + step_s);
+  }
+  fit.costs = attempt(best_s);
+  const std::vector<double> before = attempt(best_s - 2 * step_s), after = attempt(best_s + 2 * step_s);
+  const auto minimum_without = [&](int block) {
+    const double low = mean_without(before, block), middle = mean_without(fit.costs, block),
+                 high = mean_without(after, block);
+    const double curvature = low + high - 2 * middle;
+    return curvature > 0 ? best_s + step_s * (low - high) / curvature
+                         : best_s + std::copysign(clip->interval_s(), low - high);
+  };
+  fit.readout_s = minimum_without(-1);
+  fit.sigma_s = jackknife_sigma(minimum_without);
+  std::sort(fit.trials.begin(), fit.trials.end(),
+            [](const ReadoutFit::Trial& a, const ReadoutFit::Trial& b) { return a.readout_s < b.readout_s; });
+  return fit;
+}
+
+// Leaves out frames in which the board was misread: far worse than the others under the best of a few readouts.
+void drop_misread(Clip* clip, const std::vector<Axis>& axes) {
+  std::vector<double> best;
+  for (const Axis axis : axes) {
+    for (int i = -2; i <= 2; ++i) {
+      std::vector<double> costs = clip->costs(axis, 0.4 * i * clip->interval_s());
+      if (best.empty() || sum_of(costs) < sum_of(best)) best = std::move(costs);
+    }
+  }
+  clip->drop(best, kBadFrameRatio * kBadFrameRatio * median_of(best));
+}
+
+constexpr const char* kHowToMove =
+    "move the camera before the board quickly to and fro, sideways and up and down and turning, for ten seconds or "
+    "more, in bright light, with the whole board in view";
+
+}  // namespace
+
+ReadoutFit fit_readout(const Board& board, const BoardViews& views, const CameraModel& model, const std::string& axes) {
+  ReadoutFit fit;
+  if (views.views.size() < 3) {
+    fit.trouble = format("the moving clip shows the board in %zu of %d frames: ", views.views.size(), views.looked_at) +
+                  kHowToMove;
+    return fit;
+  }
+  Clip clip(board, views, model);
+  if (clip.speeds().size() < kMinFrames) {
+    fit.trouble = format("the moving clip shows the board in too few frames that follow each other, %zu: ",
+                         clip.speeds().size()) +
+                  kHowToMove;
+    return fit;
+  }
+  std::vector<Axis> tried;
+  if (axes != "columns") tried.push_back(Axis::kRows);
+  if (axes != "rows") tried.push_back(Axis::kColumns);
+  drop_misread(&clip, tried);
+  std::vector<AxisFit> fits;
+  fits.reserve(tried.size());
+  for (const Axis axis : tried) fits.push_back(fit_axis(&clip, axis));
+  std::stable_sort(fits.begin(), fits.end(),
+                   [](const AxisFit& a, const AxisFit& b) { return sum_of(a.costs) < sum_of(b.costs); });
+  const AxisFit& best = fits.front();
+  const std::vector<double> global = clip.costs(best.axis, 0);
+  const double corners = static_cast<double>(best.costs.size() * clip.corners());
+  fit.axis = best.axis;
+  fit.readout_s = best.readout_s;
+  fit.sigma_s = best.sigma_s;
+  fit.rms_px = std::sqrt(sum_of(best.costs) / corners);
+  fit.global_px = std::sqrt(sum_of(global) / corners);
+  fit.frames = static_cast<int>(best.costs.size());
+  fit.speed_px_s = median_of(clip.speeds());
+  for (const AxisFit& one : fits) fit.trials.insert(fit.trials.end(), one.trials.begin(), one.trials.end());
+  std::stable_sort(fit.trials.begin(), fit.trials.end(),
+                   [](const ReadoutFit::Trial& a, const ReadoutFit::Trial& b) { return a.axis < b.axis; });
+
+  const auto cannot = [&](const std::string& why) {
+    fit.trouble = "this clip cannot tell the readout: " + why + ". To tell, " + kHowToMove;
+  };
+  if (fit.sigma_s > kMaxSigma * clip.interval_s()) {
+    cannot(format("its corners move by %.0f px/s, which leaves it uncertain by %.1f ms", fit.speed_px_s,
+                  1000 * fit.sigma_s));
+  } else if (std::abs(fit.readout_s) > clip.interval_s()) {
+    cannot(format("%.1f ms fit best, more than the %.1f ms between two frames: are the frames' times right (--fps)?",
+                  1000 * fit.readout_s, 1000 * clip.interval_s()));
+  } else if (fits.size() == 2 && std::abs(fit.readout_s) > kMinGain * fit.sigma_s) {
+    const auto gain_without = [&](int block) {
+      return mean_without(fits[1].costs, block) - mean_without(best.costs, block);
+    };
+    if (gain_without(-1) < kMinGain * jackknife_sigma(gain_without))
+      cannot("rows and columns explain it alike; --axis rows or --axis columns decides, if it is known");
+  }
+  return fit;
+}
+
+}  // namespace pptam::platform
