@@ -86,7 +86,8 @@ int run_program(int argc, char** argv) {
   for (const Command& command : commands) {
     if (command.options->parsed()) return command.run();
   }
-  throw InputError("no command given: sim, replay, live, cameras, readout, calibrate, eval or map; see pocket-ptam --help");
+  throw InputError(
+      "no command given: sim, replay, live, cameras, readout, calibrate, eval or map; see pocket-ptam --help");
 }
 
 int exit_code_of(int argc, char** argv) {

@@ -95,7 +95,8 @@ LiveRecording::LiveRecording(const fs::path& folder, const CameraInfo& camera, c
     : folder_(folder), files_(files != nullptr ? *files : system_) {
   check(folder);
   make_folder(folder / "rgb", "--record");
-  write_text_atomically(folder / "calibration.yaml", calibration_yaml({camera.model, camera.shutter, camera.exposure_s}));
+  write_text_atomically(folder / "calibration.yaml",
+                        calibration_yaml({camera.model, camera.shutter, camera.exposure_s}));
   const auto open = [&](const char* name) {
     const int fd = files_.open((folder / name).c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
     if (fd < 0) throw InputError("--record " + (folder / name).string() + ": " + std::strerror(errno));

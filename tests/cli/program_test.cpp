@@ -69,9 +69,11 @@ std::string tum_file(int poses, double scale) {
 TEST_F(Program, HelpShowsEveryCommandWithExamples) {
   const Answer help = run("--help");
   EXPECT_EQ(help.code, 0);
-  for (const char* part : {"sim", "replay", "live", "cameras", "readout", "calibrate", "eval", "map", "Examples:", "Exit codes"})
+  for (const char* part :
+       {"sim", "replay", "live", "cameras", "readout", "calibrate", "eval", "map", "Examples:", "Exit codes"})
     EXPECT_TRUE(contains(help.out, part));
-  for (const char* command : {"sim", "replay", "live", "cameras", "readout", "calibrate", "eval", "map", "map info", "map export"}) {
+  for (const char* command :
+       {"sim", "replay", "live", "cameras", "readout", "calibrate", "eval", "map", "map info", "map export"}) {
     const Answer answer = run(std::string(command) + " --help");
     EXPECT_EQ(answer.code, 0) << command;
     EXPECT_TRUE(contains(answer.out, "Example")) << command;
