@@ -171,6 +171,11 @@ void judge(const std::vector<BoardView>& views, LensFit* fit) {
     fit->warnings.push_back(
         format("only %zu views: %zu or more make a calibration reliable", views.size(), kWantedViews));
   }
+  if (!fit->uncertain_px && fit->views.size() >= kFolds + kMinViews) {
+    fit->warnings.push_back(
+        "with a fifth of the views fewer no lens is found that holds to the image's corners, which are uncertain "
+        "therefore: add views that have the board there");
+  }
   if (fit->uncertain_px && *fit->uncertain_px > kGoodUncertain_px * scale) {
     fit->warnings.push_back(
         format("somewhere in the image the lens is uncertain by %.1f px: add views where the board "

@@ -225,9 +225,20 @@ class OpenCvVision : public BoardVision {
     convert(plane, views, &objects, &images);
     cv::Mat K, D;
     std::vector<cv::Mat> rotations, translations;
-    cv::fisheye::calibrate(objects, images, size, K, D, rotations, translations,
-                           cv::fisheye::CALIB_RECOMPUTE_EXTRINSIC | cv::fisheye::CALIB_FIX_SKEW,
-                           {cv::TermCriteria::EPS | cv::TermCriteria::COUNT, 100, 1e-9});
+    const int flags = cv::fisheye::CALIB_RECOMPUTE_EXTRINSIC | cv::fisheye::CALIB_FIX_SKEW;
+    const cv::TermCriteria until(cv::TermCriteria::EPS | cv::TermCriteria::COUNT, 100, 1e-9);
+    for (const double focal : {0.0, 0.5, 0.4, 0.65}) {  // by the longer side; 0: OpenCV's guess, from which it may fail
+      try {
+        K = (cv::Mat_<double>(3, 3) << focal * std::max(size.width, size.height), 0, 0.5 * (size.width - 1), 0,
+             focal * std::max(size.width, size.height), 0.5 * (size.height - 1), 0, 0, 1);
+        D = cv::Mat::zeros(4, 1, CV_64F);
+        cv::fisheye::calibrate(objects, images, size, K, D, rotations, translations,
+                               flags | (focal > 0 ? cv::fisheye::CALIB_USE_INTRINSIC_GUESS : 0), until);
+        break;
+      } catch (const cv::Exception&) {
+        if (focal == 0.65) throw;
+      }
+    }
     take_matrix(K, solution);
     for (int i = 0; i < 4; ++i) solution->coeffs[static_cast<size_t>(i)] = D.at<double>(i);
     for (size_t i = 0; i < views.size(); ++i) {
