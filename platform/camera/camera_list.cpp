@@ -26,7 +26,7 @@ const LibcameraEntry* libcamera_module(std::string* why) {
   for (const fs::path& folder : {program.parent_path(), program.parent_path().parent_path() / "lib/pocket-ptam"}) {
     const fs::path file = folder / kModule;
     if (!fs::exists(file, error)) continue;
-    ::setenv("LIBCAMERA_LOG_LEVELS", "*:ERROR", 0);  // it is read while the library is loaded
+    ::setenv("LIBCAMERA_LOG_LEVELS", "*:ERROR", 0);                // it is read while the library is loaded
     void* module = ::dlopen(file.c_str(), RTLD_NOW | RTLD_LOCAL);  // for good: its threads may live on
     if (module == nullptr) {
       *why = std::string("libcamera cannot be used: ") + ::dlerror();

@@ -411,7 +411,10 @@ std::vector<std::string> LibcameraDevice::lock(const SensorRequest& request) {
   if (timed) exposure_s_ = 1e-6 * *exposure_us_;
   if (!timed && request.exposure_s > 0) exposure_s_ = request.exposure_s;
   const std::string none = ": not locked, the camera has no such control";
-  lines.push_back(manual ? format("exposure: locked at %.4g ms", 1e-3 * *exposure_us_) : "exposure" + none);
+  const bool silent = !timed && control("ExposureTime") != nullptr;
+  lines.push_back(manual   ? format("exposure: locked at %.4g ms", 1e-3 * *exposure_us_)
+                  : silent ? std::string("exposure: not locked, the camera does not report it; give --exposure")
+                           : "exposure" + none);
   lines.push_back(gained ? format("gain: locked at %.3g", static_cast<double>(*gain_)) : "gain" + none);
   const bool white = colours_ && send("AwbEnable", false);
   if (white) send("ColourGains", lc::Span<const float, 2>(*colours_));
