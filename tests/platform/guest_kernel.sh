@@ -75,10 +75,11 @@ guest_kernel() {
     need_commands apt-get:apt dpkg-deb:dpkg
     mkdir -p "$drivers_dir"
     rm -rf "$folder.new" "$folder"
-    private_apt "$suite" "$architecture" apt-get update >&2 || skip "Debian $suite's list of packages cannot be had"
-    package=$(private_apt "$suite" "$architecture" apt-cache depends "$meta" | sed -nE '0,/Depends:/s/.*Depends: //p')
-    fetch_packages "$suite" "$architecture" "$folder.new" "${package:-$meta}" busybox-static ||
-      skip "$package cannot be had"
+    private_apt "$suite" "$architecture" apt-get update >&2 || true  # when it could not, the next line tells
+    package=$(private_apt "$suite" "$architecture" apt-cache depends "$meta" 2>/dev/null |
+      sed -nE '0,/Depends:/s/.*Depends: //p') || package=""
+    [[ -n "$package" ]] || skip "the list of Debian $suite's packages for $architecture cannot be had"
+    fetch_packages "$suite" "$architecture" "$folder.new" "$package" busybox-static || skip "$package cannot be had"
     if [[ "$architecture" == amd64 ]]; then
       unpack_kernel "$folder.new"/boot/vmlinuz-* "$folder.new/vmlinux"
     else

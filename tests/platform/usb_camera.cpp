@@ -345,7 +345,10 @@ void serve(int device, const usb_ctrlrequest& setup) {
     return;
   }
   // gadgetfs hands the data over before it asks whether they are liked.
-  if (read(device, data.data(), data.size()) < 0) std::perror("usb_camera: data");
+  if (read(device, data.data(), data.size()) < 0) {
+    std::perror("usb_camera: data");
+    return;
+  }
   if (!accept(setup, data)) std::fprintf(stderr, "usb_camera: unknown request %d\n", setup.bRequest);
 }
 
@@ -400,9 +403,16 @@ int main(int count, char** words) {
   if (write(device, descriptors.data(), descriptors.size()) < 0) fail("descriptors");
   std::printf("plugged %lld\n", static_cast<long long>(now_ns()));
   std::fflush(stdout);
-  for (;;) {
+  for (int failures = 0; failures < 100;) {
     usb_gadgetfs_event event{};
-    if (read(device, &event, sizeof event) < static_cast<ssize_t>(sizeof event)) fail("events");
+    if (read(device, &event, sizeof event) < static_cast<ssize_t>(sizeof event)) {
+      ++failures;  // of a request that the host, on a busy computer, has given up meanwhile
+      std::perror("usb_camera: event");
+      usleep(1000);
+      continue;
+    }
+    failures = 0;
     if (event.type == GADGETFS_SETUP) serve(device, event.u.setup);
   }
+  fail("events");
 }
