@@ -9,7 +9,8 @@ Boots Debian's kernel (tests/platform/boot.sh) with the programs in the folder B
   vivid  our V4L2 camera on the driver vivid: formats, sizes, times, and every fault that vivid can inject
   usb    pocket-ptam live with a USB camera by uvcvideo, which shows the emulated phone's desk at 320x240, 15 Hz, and
          is pulled out and plugged in again: pixels, accuracy, recording
-  pi     the same on an emulated Raspberry Pi Zero, with the program in build/board-armel
+  pi     the same on an emulated Raspberry Pi Zero, with the program in build/board-armel. It has not passed yet, and no
+         test runs it: with the emulated USB camera the guest comes to a stand
 The exit code is 0 when all holds, 77 when a package or program could not be had; what the guest wrote stays in
 BUILD/drivers-NAME.
 HELP
