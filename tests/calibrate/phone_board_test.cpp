@@ -58,13 +58,13 @@ class PhoneSensor : public platform::Camera {
     info_.frame_count = frames;
   }
   const platform::CameraInfo& info() const override { return info_; }
-  bool read(Frame* frame) override {
-    if (next_ == *info_.frame_count) return false;
+  platform::CameraEvent wait(Frame* frame, int64_t) override {
+    if (next_ == *info_.frame_count) return platform::CameraEvent::kEnd;
     const double t_s = next_ / info_.frames_per_s;
     sensor_.expose(t_s, static_cast<uint64_t>(next_++), pixels_.data());
     *frame = {pixels_.data(),    info_.model.width,  info_.model.height,
               info_.model.width, PixelFormat::kGrey, std::llround(1e9 * t_s)};
-    return true;
+    return platform::CameraEvent::kFrame;
   }
 
  private:

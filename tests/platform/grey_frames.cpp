@@ -6,7 +6,7 @@
 #include <memory>
 #include <string>
 
-#include "platform/camera/dump_sequence.h"
+#include "platform/camera/calibration.h"
 #include "platform/camera/recorded_camera.h"
 #include "platform/input_error.h"
 
@@ -31,7 +31,8 @@ int main(int count, char** words) {
       for (int y = 0; y < frame.height; ++y)
         pixels.write(reinterpret_cast<const char*>(frame.data) + y * frame.stride_bytes, frame.width);
     }
-    std::ofstream(std::string(words[3]) + ".yaml") << calibration_text(camera->info());
+    const CameraInfo& info = camera->info();
+    std::ofstream(std::string(words[3]) + ".yaml") << calibration_yaml({info.model, info.shutter, info.exposure_s});
     return pixels.flush() ? 0 : 1;
   } catch (const InputError& error) {
     std::fprintf(stderr, "grey_frames: %s\n", error.what());

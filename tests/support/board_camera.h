@@ -55,14 +55,14 @@ class BoardCamera : public platform::Camera {
 
   const platform::CameraInfo& info() const override { return info_; }
 
-  bool read(Frame* frame) override {
-    if (next_ == *info_.frame_count) return false;
+  platform::CameraEvent wait(Frame* frame, int64_t) override {
+    if (next_ == *info_.frame_count) return platform::CameraEvent::kEnd;
     const double t_s = next_ / options_.frames_per_s;
     render(t_s);
     *frame = {pixels_.data(),    info_.model.width,  info_.model.height,
               info_.model.width, PixelFormat::kGrey, std::llround(1e9 * t_s)};
     ++next_;
-    return true;
+    return platform::CameraEvent::kFrame;
   }
 
  private:
