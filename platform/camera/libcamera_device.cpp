@@ -253,7 +253,7 @@ bool LibcameraDevice::send(const std::string& name, const T& value) {
 }
 
 Configuration LibcameraDevice::configure(const CameraRequest& wanted) {
-  const Configuration result = set_format(wanted);
+  Configuration result = set_format(wanted);
   if (result.answer != ConfigurationAnswer::kInvalid)
     accepted_ = {result.mode.width, result.mode.height, wanted.frames_per_s, result.mode.format};
   return result;

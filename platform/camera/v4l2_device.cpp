@@ -281,7 +281,7 @@ double V4l2Device::set_rate(double frames_per_s) {
 }
 
 Configuration V4l2Device::configure(const CameraRequest& wanted) {
-  const Configuration result = set_format(wanted);
+  Configuration result = set_format(wanted);
   if (result.answer != ConfigurationAnswer::kInvalid)
     accepted_ = {result.mode.width, result.mode.height, wanted.frames_per_s, result.mode.format};
   return result;
