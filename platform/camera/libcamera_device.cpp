@@ -143,6 +143,7 @@ class LibcameraDevice : public CameraDevice {
   }
   Configuration set_format(const CameraRequest& wanted);
   std::string set_filter(int mains_hz);
+  void send_rate(double frames_per_s);
   void acquire(std::shared_ptr<lc::Camera> camera);
   void release() noexcept;
   void on_complete(lc::Request* request);
@@ -287,10 +288,7 @@ Configuration LibcameraDevice::set_format(const CameraRequest& wanted) {
   const int error = camera_->configure(configuration_.get());
   if (error != 0) throw InputError(description_.address + ": cannot be configured: " + std::strerror(-error));
   format_ = given;
-  if (wanted.frames_per_s > 0) {
-    const auto period_us = static_cast<int64_t>(std::lround(1e6 / wanted.frames_per_s));
-    send("FrameDurationLimits", lc::Span<const int64_t, 2>(std::array<int64_t, 2>{period_us, period_us}));
-  }
+  send_rate(wanted.frames_per_s);
   result.mode = {given->name, static_cast<int>(stream.size.width), static_cast<int>(stream.size.height), {}};
   if (control("FrameDurationLimits") != nullptr) result.mode.frames_per_s = {wanted.frames_per_s};
   if ((wanted.width > 0 && wanted.width != result.mode.width) ||
@@ -431,7 +429,17 @@ std::string LibcameraDevice::set_filter(int mains_hz) {
   return "power-line filter: not set, the camera has no such control";
 }
 
+void LibcameraDevice::send_rate(double frames_per_s) {
+  if (frames_per_s <= 0) return;
+  const auto period_us = static_cast<int64_t>(std::lround(1e6 / frames_per_s));
+  send("FrameDurationLimits", lc::Span<const int64_t, 2>(std::array<int64_t, 2>{period_us, period_us}));
+}
+
 void LibcameraDevice::prepare(const SensorRequest& request) {
+  sent_ = lc::ControlList(camera_->controls());  // what an earlier start has locked is free again
+  send_rate(accepted_.frames_per_s);
+  send("AeEnable", true);
+  send("AwbEnable", true);
   set_filter(request.mains_hz);
   // With its automatic still on, which finds the gain for it where the camera can do so.
   if (request.exposure_s > 0) send("ExposureTime", static_cast<int32_t>(std::lround(1e6 * request.exposure_s)));

@@ -101,6 +101,7 @@ std::string V4l2Controls::set_filter(int fd, int mains_hz) {
 }
 
 void V4l2Controls::prepare(int fd, const SensorRequest& request) {
+  kept_.clear();
   set_filter(fd, request.mains_hz);
   if (request.exposure_s > 0) lock_exposure(fd, request.exposure_s);
 }

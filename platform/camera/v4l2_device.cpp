@@ -219,7 +219,7 @@ class V4l2Device : public CameraDevice {
 
   void open();
   std::vector<std::string> alike() const;
-  std::unique_ptr<Node> find_node();
+  std::unique_ptr<Node> find_node(std::string* place) const;
   Configuration set_format(const CameraRequest& wanted);
   double set_rate(double frames_per_s);
   void map_buffers();
@@ -474,38 +474,43 @@ std::vector<std::string> V4l2Device::alike() const {
 
 // The node may have got another number: what was where in the machine tells, then the name, if only one has it that was
 // not there before. The path as the user gave it comes first: it may be a link that udev keeps. Null: none.
-std::unique_ptr<Node> V4l2Device::find_node() {
+std::unique_ptr<Node> V4l2Device::find_node(std::string* place) const {
   std::vector<std::string> paths = {description_.address};
   for (std::string& path : calls_.nodes()) paths.push_back(std::move(path));
   std::unique_ptr<Node> moved;
-  std::string moved_to;
   bool several = false;
   for (const std::string& path : paths) {
     auto node = std::make_unique<Node>(calls_, path);
     CameraDescription found;
     std::string bus, why;
     if (!node->open() || !describe_node(*node, &found, &bus, &why, false) || found.name != description_.name) continue;
-    if (bus == bus_) return node;
+    if (bus == bus_) {
+      *place = bus;
+      return node;
+    }
     if (std::find(others_.begin(), others_.end(), bus) != others_.end()) continue;
-    several = several || (moved != nullptr && bus != moved_to);
+    several = several || (moved != nullptr && bus != *place);
     if (moved != nullptr) continue;
     moved = std::move(node);
-    moved_to = bus;
+    *place = bus;
   }
-  if (several || moved == nullptr) return nullptr;
-  bus_ = moved_to;
-  return moved;
+  return several ? nullptr : std::move(moved);
 }
 
 bool V4l2Device::find_again() {
   stop();
   node_->close();
-  std::unique_ptr<Node> node = find_node();
+  std::string place;
+  std::unique_ptr<Node> node = find_node(&place);
   if (node == nullptr) return false;
   node_ = std::move(node);
   const Configuration configuration = set_format(accepted_);
-  return configuration.answer != ConfigurationAnswer::kInvalid && width_ == accepted_.width &&
-         height_ == accepted_.height;
+  if (configuration.answer == ConfigurationAnswer::kInvalid || width_ != accepted_.width ||
+      height_ != accepted_.height) {
+    return false;
+  }
+  bus_ = place;
+  return true;
 }
 
 V4l2Calls& system_calls() {

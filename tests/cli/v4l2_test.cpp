@@ -215,13 +215,13 @@ TEST_F(V4l2, SettlesUnderTheFilterAndTheExposureGiven) {
     EXPECT_EQ(driver_.controls[V4L2_CID_POWER_LINE_FREQUENCY], V4L2_CID_POWER_LINE_FREQUENCY_60HZ);
     EXPECT_EQ(driver_.controls[V4L2_CID_EXPOSURE_ABSOLUTE], 200);
     EXPECT_EQ(driver_.controls[V4L2_CID_AUTOGAIN], 1);
-    driver_.controls[V4L2_CID_GAIN] = 31;  // what it finds
+    driver_.controls[V4L2_CID_GAIN] = 31 + run;  // what it finds
     const int64_t from_ns = driver_.time_ns;
     for (int i = 0; i < 40; ++i) add(33);
     ASSERT_EQ(wait(*camera, 3000), CameraEvent::kFrame);
     EXPECT_GE(driver_.time_ns, from_ns + 700 * kMs);
     EXPECT_EQ(driver_.controls[V4L2_CID_AUTOGAIN], 0);
-    EXPECT_EQ(driver_.controls[V4L2_CID_GAIN], 31);
+    EXPECT_EQ(driver_.controls[V4L2_CID_GAIN], 31 + run);
     EXPECT_EQ(driver_.controls[V4L2_CID_EXPOSURE_ABSOLUTE], 200);
     camera->stop();
     driver_.controls[V4L2_CID_GAIN] = 9;
@@ -398,6 +398,7 @@ TEST_F(V4l2, ReplugsInAnotherSocketUnlessItMayBeAnother) {
   driver_.unplug();
   EXPECT_EQ(wait(*camera), CameraEvent::kUnplugged);
   for (int i = 0; i < 20; ++i) EXPECT_EQ(wait(*camera, 100), CameraEvent::kTimeout);
+  EXPECT_EQ(driver_.twin_calls, 0);
   driver_.plugged = true;
   driver_.path = "/dev/video3";
   driver_.bus = "usb-2.2";

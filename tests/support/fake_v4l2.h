@@ -49,6 +49,7 @@ class FakeV4l2 : public platform::V4l2Calls {
   int opened = 0;  // now
   int mapped = 0;  // now
   int calls = 0;
+  int twin_calls = 0;  // but for its name
   bool streaming = false;
   std::vector<bool> queued;
   v4l2_pix_format now = {};
@@ -105,8 +106,11 @@ class FakeV4l2 : public platform::V4l2Calls {
 
   int ioctl(int fd, unsigned long request, void* argument) override {
     ++calls;
-    if (fd == kTwin)
-      return request == VIDIOC_QUERYCAP ? query(static_cast<v4l2_capability*>(argument), twin_bus_) : fail(EIO);
+    if (fd == kTwin) {
+      if (request == VIDIOC_QUERYCAP) return query(static_cast<v4l2_capability*>(argument), twin_bus_);
+      ++twin_calls;
+      return fail(EIO);
+    }
     if (!alive_) return fail(ENODEV);
     if (const auto error = fails.find(request); error != fails.end()) return fail(error->second);
     switch (request) {
