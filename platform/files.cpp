@@ -159,6 +159,15 @@ void make_folder(const std::filesystem::path& folder, const std::string& option)
   }
 }
 
+std::filesystem::path module_of_program(const std::string& name) {
+  std::error_code error;
+  const std::filesystem::path folder = std::filesystem::read_symlink("/proc/self/exe", error).parent_path();
+  for (const std::filesystem::path& place : {folder, folder.parent_path() / "lib/pocket-ptam"}) {
+    if (std::filesystem::exists(place / name, error)) return place / name;
+  }
+  return {};
+}
+
 std::vector<std::byte> read_file(const std::filesystem::path& file, size_t most) {
   std::error_code error;
   if (!std::filesystem::exists(file, error)) throw InputError(file.string() + ": there is no such file");

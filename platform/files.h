@@ -67,6 +67,10 @@ void write_text_atomically(const std::filesystem::path& file, std::string_view c
 // With all folders above it; it may be there already. Throws InputError naming it, after the option that named it.
 void make_folder(const std::filesystem::path& folder, const std::string& option = "");
 
+// A module of the program: beside it, where both are built, or in ../lib/pocket-ptam, where they are installed. Empty:
+// there is none of that name.
+std::filesystem::path module_of_program(const std::string& name);
+
 // Throws InputError naming the file when it cannot be read or is larger than `most` bytes.
 std::vector<std::byte> read_file(const std::filesystem::path& file, size_t most);
 

@@ -17,8 +17,12 @@ elseif(PPTAM_BOARD STREQUAL "armel")  # ARMv6 with VFP2: see armv6-linux-gnueabi
 else()
   message(FATAL_ERROR "PPTAM_BOARD is \"${PPTAM_BOARD}\": it must be arm64, armhf or armel")
 endif()
-set(PPTAM_SYSROOT ${CMAKE_CURRENT_LIST_DIR}/../build/sysroots/${PPTAM_BOARD} CACHE PATH "The board's libraries")
-get_filename_component(PPTAM_SYSROOT ${PPTAM_SYSROOT} ABSOLUTE)
+set(PPTAM_SYSROOT "${CMAKE_CURRENT_LIST_DIR}/../build/sysroots/${PPTAM_BOARD}" CACHE PATH "The board's libraries")
+get_filename_component(PPTAM_SYSROOT "${PPTAM_SYSROOT}" ABSOLUTE)
+if(PPTAM_SYSROOT MATCHES " ")  # CMake does not recognise libraries there
+  message(FATAL_ERROR "The sysroot's path holds a space: ${PPTAM_SYSROOT}. Make it elsewhere, by "
+                      "toolchains/make_sysroot.sh --folder DIR, and give -D PPTAM_SYSROOT=DIR")
+endif()
 if(NOT EXISTS ${PPTAM_SYSROOT}/usr/lib/${triplet}/libc.so)
   message(FATAL_ERROR "No sysroot for ${PPTAM_BOARD} in ${PPTAM_SYSROOT}: toolchains/make_sysroot.sh makes it")
 endif()

@@ -21,7 +21,7 @@ style_packages=(clang clang-format clang-tidy)
 sanitize_packages=(clang libclang-rt-dev)
 fuzz_packages=("${sanitize_packages[@]}")
 driver_packages=(                                       # tests/platform boots Debian's kernels with our programs
-  qemu-system-x86 kmod cpio binutils debian-archive-keyring
+  qemu-system-x86 kmod cpio binutils xz-utils zstd debian-archive-keyring
 )
 bench_packages=(libbenchmark-dev libceres-dev libopencv-video-dev)  # OpenCV's core and imgproc come with its video
 

@@ -10,6 +10,7 @@ Usage: toolchains/make_board_folder.sh arm64|armhf|armel [--build DIR] [--folder
 Makes DIR [build/boards/ARCHITECTURE] of the program in --build DIR [build/board-ARCHITECTURE] and the libraries of
 its sysroot. Copy the folder to the board and run DIR/pocket-ptam there: it asks for nothing but a Linux kernel of that
 processor, whichever C library the system has. Videos and plots need the board's own ffmpeg and gnuplot.
+An earlier folder is replaced, unless other files were put into it.
 Exit code: 0 when the folder is whole, 1 when it could not be made, 2 when asked for something unknown.
 HELP
   exit 0
@@ -43,9 +44,17 @@ if [[ ! -x "$build/pocket-ptam" ]]; then
   echo "error: no program in $build. Presets: cmake --preset board-$architecture, cmake --build likewise" >&2
   exit 1
 fi
-if [[ -e "$folder" && ! -e "$folder/lib/$loader" && -n "$(ls -A "$folder")" ]]; then
-  echo "error: $folder holds other things than a board's folder: name another --folder" >&2
-  exit 2
+marker=.pocket-ptam-board  # in the folder: the list of what is in it
+if [[ -e "$folder" && -n "$(ls -A "$folder")" ]]; then
+  if [[ ! -f "$folder/$marker" ]]; then
+    echo "error: $folder was not made by this script: move it away, or name another --folder" >&2
+    exit 2
+  fi
+  foreign=$(cd "$folder" && find . -mindepth 1 | LC_ALL=C sort | LC_ALL=C comm -13 "$marker" - | head -n 1)
+  if [[ -n "$foreign" ]]; then
+    echo "error: $folder/${foreign#./} is not of the board's folder: move it away, or name another --folder" >&2
+    exit 2
+  fi
 fi
 sysroot=$(sed -n 's/^PPTAM_SYSROOT:.*=//p' "$build/CMakeCache.txt")
 libraries=$sysroot/usr/lib/$triplet
@@ -96,6 +105,8 @@ export GDK_PIXBUF_MODULE_FILE="\$here/lib/loaders.cache"
 exec \$PPTAM_EMULATOR "\$here/lib/$loader" --library-path "\$here/lib" "\$here/bin/pocket-ptam" "\$@"
 RUN
 chmod 755 "$part/pocket-ptam"
+touch "$part/$marker"
+(cd "$part" && find . -mindepth 1 | LC_ALL=C sort >"$marker")
 rm -rf "$folder"
 mv "$part" "$folder"
 echo "$folder: $(du -sm "$folder" | cut -f 1) MB"

@@ -132,7 +132,8 @@ void add_lens_rows(const LensFit& fit, std::vector<SummaryRow>* rows) {
   rows->push_back({"residuals", format("%.3f px rms of %zu corners", fit.rms_px,
                                        fit.views.size() * fit.views.front().corners.size())});
   if (fit.uncertain_px)
-    rows->push_back({"uncertainty", format("no pixel off by more than about %.2f px", *fit.uncertain_px)});
+    rows->push_back(
+        {"uncertainty", format("+- %.2f px (one standard deviation), where it is worst", *fit.uncertain_px)});
 }
 
 void calibrate_lens(platform::Camera& camera, const CalibrateChoice& chosen, Calibrated* result) {
@@ -185,17 +186,16 @@ void find_shutter(platform::Camera& camera, const CalibrateChoice& chosen, Calib
     result->troubles.push_back(fit.trouble);
     return;
   }
-  const bool global = std::abs(fit.readout_s) < 3 * fit.sigma_s;
   result->rows.push_back(
       {"readout", readout_text(fit.axis, fit.readout_s) +
-                      format(", +- %.2f ms%s", 1000 * fit.sigma_s, global ? ": as of a global shutter" : "")});
+                      format(", +- %.2f ms%s", 1000 * fit.sigma_s, fit.global ? ": as of a global shutter" : "")});
   result->rows.push_back({"moving clip", format("%d frames at %.0f px/s; corners %.3f px rms, %.3f under a global "
                                                 "shutter",
                                                 fit.frames, fit.speed_px_s, fit.rms_px, fit.global_px)});
   RollingShutter& shutter = result->calibration.shutter;
   shutter.axis = fit.axis;
   const int lines = fit.axis == RollingShutter::Axis::kColumns ? model.width : model.height;
-  shutter.line_time_s = global ? 0.0f : static_cast<float>(fit.readout_s / lines);
+  shutter.line_time_s = fit.global ? 0.0f : static_cast<float>(fit.readout_s / lines);
 }
 
 // Results one by one; what fails is told. Returns whether all was written.

@@ -86,6 +86,11 @@ Board parse_board(const std::string& text) {
   if (std::min(board.columns, board.rows) < kMinSquares || std::max(board.columns, board.rows) > kMaxSquares)
     throw InputError("--board " + text +
                      format(": from %d to %d squares in either direction", kMinSquares, kMaxSquares));
+  if (board.columns == board.rows) {
+    throw InputError("--board " + text +
+                     ": with as many squares down as across it looks alike when turned by 90 degrees: take another "
+                     "number of one of them, such as the usual 10x7");
+  }
   return board;
 }
 

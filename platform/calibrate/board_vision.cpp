@@ -4,6 +4,7 @@
 
 #include <filesystem>
 
+#include "platform/files.h"
 #include "platform/input_error.h"
 
 namespace pptam::platform {
@@ -13,9 +14,8 @@ constexpr const char* kModule = "pocket-ptam-opencv.so";
 constexpr const char* kEntry = "pptam_board_vision";
 
 const BoardVision* load_module(std::filesystem::path module) {
-  std::error_code error;
-  if (module.empty()) module = std::filesystem::read_symlink("/proc/self/exe", error).parent_path() / kModule;
-  if (error || !std::filesystem::exists(module, error)) {
+  if (module.empty()) module = module_of_program(kModule);
+  if (module.empty()) {
     throw InputError(
         "calibrate needs OpenCV, without which this program was built: install it (Debian: libopencv-calib3d-dev), "
         "then configure and build again");

@@ -1,6 +1,6 @@
 // What OpenCV does for us: finding the board's corners in an image, and solving for the lens.
 //
-// It lies in a module of its own, pocket-ptam-opencv.so beside the program, that is loaded when first asked for: the
+// It lies in a module of its own, pocket-ptam-opencv.so (module_of_program()), that is loaded when first asked for: the
 // program starts without OpenCV, in time and on systems that do not have it.
 #pragma once
 
@@ -45,7 +45,7 @@ class BoardVision {
                              const std::vector<std::vector<Vector2d>>& views, LensKind kind) const = 0;
 };
 
-// The module's, loaded once; its file, unless a test names one, lies beside the program's. Throws InputError that says
+// The module's, loaded once; a test may name its file. Throws InputError that says
 // what to install when the program was built without OpenCV or it cannot be loaded.
 const BoardVision& board_vision(const std::filesystem::path& module = {});
 

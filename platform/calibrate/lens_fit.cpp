@@ -22,6 +22,7 @@ constexpr double kMaxRms_px = 3;         // likewise, before it is refused
 constexpr double kUsualWidth = 640;
 constexpr double kOutlierRatio = 3;       // of a view's rms to the median
 constexpr double kOutlierFloor_px = 0.3;  // below this a view is as good as any
+constexpr double kLeastNoise_px = 0.001;  // of corners: better is made up
 constexpr double kWorthATerm = 20;        // fall of -2 log likelihood, for a coefficient more or another lens
 constexpr double kGoodUncertain_px = 1;   // before it is told
 constexpr size_t kFolds = 5;              // of the jackknife
@@ -48,6 +49,16 @@ void measure_residuals(LensFit* fit) {
   fit->rms_px = std::sqrt(sum / count);
 }
 
+double median_rms(std::vector<double> values) {
+  std::sort(values.begin(), values.end());
+  return values[values.size() / 2];
+}
+
+// Rms of a view beyond which it does not fit the others.
+double outlier_limit(double median_px) {
+  return std::max(kOutlierRatio * median_px, kOutlierFloor_px);
+}
+
 // Solves, and once more without the views that do not fit the others. False: no solution.
 bool solve(const std::vector<Vector2d>& plane, const std::vector<BoardView>& views, const BoardVision& vision,
            int width, int height, LensKind kind, LensFit* fit) {
@@ -56,10 +67,8 @@ bool solve(const std::vector<Vector2d>& plane, const std::vector<BoardView>& vie
     fit->solution = vision.solve(width, height, plane, corners_of(fit->views), kind);
     if (!fit->solution.trouble.empty()) return false;
     measure_residuals(fit);
-    std::vector<double> sorted = fit->view_rms_px;
-    std::sort(sorted.begin(), sorted.end());
-    const double limit = std::max(kOutlierRatio * sorted[sorted.size() / 2], kOutlierFloor_px);
-    if (round == 1 || sorted.back() <= limit) break;
+    const double limit = outlier_limit(median_rms(fit->view_rms_px));
+    if (round == 1 || *std::max_element(fit->view_rms_px.begin(), fit->view_rms_px.end()) <= limit) break;
     std::vector<BoardView> kept;
     for (size_t i = 0; i < fit->views.size(); ++i) {
       if (fit->view_rms_px[i] <= limit) {
@@ -97,10 +106,17 @@ LensFit solve_simplest(const std::vector<Vector2d>& plane, const std::vector<Boa
                      "; add views from other sides, with the board all over the image, or try another --lens");
   }
   // Where the board was not seen the lenses differ by pixels, though they hardly do where it was: even a small gain
-  // that cannot be chance decides.
-  const auto badness = [](const LensFit& fit) {
-    const double numbers = 2 * static_cast<double>(fit.views.size() * fit.views.front().corners.size());
-    return numbers * std::log(fit.rms_px * fit.rms_px) + (fit.solution.kind == LensKind::kNormal ? 0 : kWorthATerm);
+  // that cannot be chance decides. -2 log likelihood of all views, with the noise of the kind that fits best; a view
+  // that is left out costs as much as the worst that is not, whatever the kind.
+  double usual_px = INFINITY;
+  for (const LensFit& fit : fits) usual_px = std::min(usual_px, median_rms(fit.view_rms_px));
+  usual_px = std::max(usual_px, kLeastNoise_px);
+  const auto badness = [&](const LensFit& fit) {
+    const double most_px = outlier_limit(usual_px);
+    double sum = static_cast<double>(fit.left_out.size()) * most_px * most_px;
+    for (const double rms_px : fit.view_rms_px) sum += std::pow(std::min(rms_px, most_px), 2);
+    return 2 * static_cast<double>(plane.size()) * sum / (usual_px * usual_px) +
+           (fit.solution.kind == LensKind::kNormal ? 0 : kWorthATerm);
   };
   return std::move(*std::min_element(fits.begin(), fits.end(),
                                      [&](const LensFit& a, const LensFit& b) { return badness(a) < badness(b); }));

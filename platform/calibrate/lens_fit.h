@@ -17,8 +17,9 @@ struct LensFit {
   std::vector<int> left_out;        // frames of views that do not fit the others
   double rms_px = 0;                // over both coordinates, as OpenCV tells it
   std::vector<double> view_rms_px;  // likewise, of each view
-  // By how much a pixel of the image may be off, at most, once a turn of the camera has taken up what it can: from the
-  // lenses that four fifths of the views give (jackknife). Nothing: too few views.
+  // One standard deviation of where the lens shows a direction, pixels, in the part of the image where it is worst,
+  // once a turn of the camera has taken up what it can: from the lenses that four fifths of the views give (jackknife).
+  // Nothing: too few views.
   std::optional<double> uncertain_px;
   std::vector<std::string> warnings;  // each with its remedy
 };

@@ -15,16 +15,18 @@ using Axis = RollingShutter::Axis;
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-constexpr int kReach = 2;             // neighbours on either side that tell the motion: a polynomial of degree four
-constexpr double kMaxGap = 2.5;       // frame intervals between neighbours
-constexpr int kSteps = 6;             // of the readout in either direction, up to the time between two frames
-constexpr double kFinest = 1.0 / 48;  // last step, in frame intervals
-constexpr int kPoseRounds = 4;        // of poses from motion and motion from poses
-constexpr int kBlocks = 10;           // of the jackknife
-constexpr int kMinFrames = 30;        // three for each of its blocks
-constexpr double kBadFrameRatio = 3;  // of a frame's rms to the median: a misread board
-constexpr double kMaxSigma = 0.05;    // of the frame interval: beyond, the clip does not tell
-constexpr double kMinGain = 3;        // standard deviations by which the better axis must be better
+constexpr int kReach = 2;               // neighbours on either side that tell the motion: a polynomial of degree four
+constexpr double kMaxGap = 2.5;         // frame intervals between neighbours
+constexpr int kSteps = 6;               // of the readout in either direction, up to the time between two frames
+constexpr double kFinest = 1.0 / 48;    // last step, in frame intervals
+constexpr int kPoseRounds = 4;          // of poses from motion and motion from poses
+constexpr int kBlocks = 10;             // of the jackknife
+constexpr int kMinFrames = 30;          // three for each of its blocks
+constexpr double kBadFrameRatio = 3;    // of a frame's rms to the median: a misread board
+constexpr double kMaxSigma = 0.05;      // of the frame interval: beyond, the clip does not tell
+constexpr double kMinGain = 3;          // standard deviations by which the better axis must be better
+constexpr double kSure = 3;             // standard deviations, by which a readout that is smaller may be none
+constexpr double kMaxUnsure_s = 0.002;  // of these together, before that is called a global shutter
 
 struct MotionFrame {
   double t_s = 0;
@@ -217,6 +219,11 @@ double median_of(std::vector<double> values) {
   return values[values.size() / 2];
 }
 
+std::vector<double> capped(std::vector<double> values, double most) {
+  for (double& value : values) value = std::min(value, most);
+  return values;
+}
+
 // Mean of the values but those of a block left out: a tenth of them, side by side. block -1: of all.
 double mean_without(const std::vector<double>& values, int block) {
   double sum = 0, count = 0;
@@ -336,6 +343,8 @@ ReadoutFit fit_readout(const Board& board, const BoardViews& views, const Camera
   std::stable_sort(fit.trials.begin(), fit.trials.end(),
                    [](const ReadoutFit::Trial& a, const ReadoutFit::Trial& b) { return a.axis < b.axis; });
 
+  const bool perhaps_global = std::abs(fit.readout_s) < kSure * fit.sigma_s;
+  fit.global = perhaps_global && kSure * fit.sigma_s <= kMaxUnsure_s;
   const auto cannot = [&](const std::string& why) {
     fit.trouble = "this clip cannot tell the readout: " + why + ". To tell, " + kHowToMove;
   };
@@ -345,10 +354,14 @@ ReadoutFit fit_readout(const Board& board, const BoardViews& views, const Camera
   } else if (std::abs(fit.readout_s) > clip.interval_s()) {
     cannot(format("%.1f ms fit best, more than the %.1f ms between two frames: are the frames' times right (--fps)?",
                   1000 * fit.readout_s, 1000 * clip.interval_s()));
+  } else if (perhaps_global && !fit.global) {
+    cannot(format("%.1f ms fit best, but uncertain by %.1f ms they may be a global shutter's as well",
+                  1000 * fit.readout_s, 1000 * fit.sigma_s));
   } else if (fits.size() == 2 && std::abs(fit.readout_s) > kMinGain * fit.sigma_s) {
-    const auto gain_without = [&](int block) {
-      return mean_without(fits[1].costs, block) - mean_without(best.costs, block);
-    };
+    // Under the wrong axis a frame's pose may run away: its cost, a million times the others', would hide their gain.
+    const double most = kBadFrameRatio * kBadFrameRatio * median_of(best.costs);
+    const std::vector<double> costs = capped(best.costs, most), others = capped(fits[1].costs, most);
+    const auto gain_without = [&](int block) { return mean_without(others, block) - mean_without(costs, block); };
     if (gain_without(-1) < kMinGain * jackknife_sigma(gain_without))
       cannot("rows and columns explain it alike; --axis rows or --axis columns decides, if it is known");
   }

@@ -19,6 +19,7 @@ struct ReadoutFit {
   RollingShutter::Axis axis = RollingShutter::Axis::kRows;
   double readout_s = 0;   // signed: positive when larger coordinates are exposed later
   double sigma_s = 0;     // one standard deviation
+  bool global = false;    // that is as of a global shutter: nothing, and known well enough to say so
   double rms_px = 0;      // of the corners, under that readout
   double global_px = 0;   // and under a global shutter
   int frames = 0;         // that took part

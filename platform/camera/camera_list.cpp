@@ -10,36 +10,31 @@
 
 #include "platform/camera/v4l2_calls.h"
 #include "platform/camera/v4l2_device.h"
+#include "platform/files.h"
 
 namespace pptam::platform {
 namespace {
 
-namespace fs = std::filesystem;
-
 constexpr const char* kModule = "pocket-ptam-libcamera.so";
 const std::string kLibcamera = "libcamera:";
 
-// Beside the program, where it is built, or where it is installed. Null, with the reason.
+// Null, with the reason.
 const LibcameraEntry* libcamera_module(std::string* why) {
-  std::error_code error;
-  const fs::path program = fs::read_symlink("/proc/self/exe", error);
-  for (const fs::path& folder : {program.parent_path(), program.parent_path().parent_path() / "lib/pocket-ptam"}) {
-    const fs::path file = folder / kModule;
-    if (!fs::exists(file, error)) continue;
-    ::setenv("LIBCAMERA_LOG_LEVELS", "*:ERROR", 0);                // it is read while the library is loaded
-    void* module = ::dlopen(file.c_str(), RTLD_NOW | RTLD_LOCAL);  // for good: its threads may live on
-    if (module == nullptr) {
-      *why = std::string("libcamera cannot be used: ") + ::dlerror();
-      return nullptr;
-    }
-    const void* entry = ::dlsym(module, kLibcameraEntry);
-    if (entry != nullptr) return static_cast<const LibcameraEntry*>(entry);
-    *why = file.string() + ": is another version's";
+  const std::filesystem::path file = module_of_program(kModule);
+  if (file.empty()) {
+    *why = std::string("built without libcamera: there is no ") + kModule +
+           " beside the program (install libcamera-dev and build again)";
     return nullptr;
   }
-  *why = std::string("built without libcamera: there is no ") + kModule +
-         " beside the program (install libcamera-dev and build again)";
-  return nullptr;
+  ::setenv("LIBCAMERA_LOG_LEVELS", "*:ERROR", 0);                // it is read while the library is loaded
+  void* module = ::dlopen(file.c_str(), RTLD_NOW | RTLD_LOCAL);  // for good: its threads may live on
+  if (module == nullptr) {
+    *why = std::string("libcamera cannot be used: ") + ::dlerror();
+    return nullptr;
+  }
+  const void* entry = ::dlsym(module, kLibcameraEntry);
+  if (entry == nullptr) *why = file.string() + ": is another version's";
+  return static_cast<const LibcameraEntry*>(entry);
 }
 
 // Nodes of image processors and codecs capture what they were given, not what a sensor sees.

@@ -74,6 +74,7 @@ TEST_F(CalibrateProgram, SaysWhatIsWrong) {
   EXPECT_TRUE(has(run("").err, "name the views")) << "nothing to do";
   EXPECT_TRUE(has(run("--board 3x9 .").err, "from 4 to 40 squares"));
   EXPECT_TRUE(has(run("--board ten .").err, "for example 10x7"));
+  EXPECT_TRUE(has(run("--board 8x8 .").err, "turned by 90 degrees"));
   EXPECT_TRUE(has(run("nowhere").err, have_opencv() ? "no such file or folder" : "libopencv-calib3d-dev"));
 }
 
@@ -120,13 +121,19 @@ TEST_F(CalibrateProgram, GuidesWhereViewsAreTooFew) {
   if (!have_opencv()) GTEST_SKIP() << "OpenCV was not found at the build: install libopencv-calib3d-dev";
   BoardCameraOptions options;
   options.model = lens_named("pinhole");
+  dump("good", options, CarefulViews(options.model, options.board, 1, options.frames_per_s, 12), 12);
   dump("views", options, CarefulViews(options.model, options.board, 1, options.frames_per_s, 4), 4);
+  EXPECT_EQ(run("good --out made").code, 0);
+  const std::string earlier = text_of(scratch_ / "made/calibration.yaml");
+  EXPECT_TRUE(has(earlier, "intrinsics"));
   const Answered few = run("views --out made");
   EXPECT_EQ(few.code, 1);
   EXPECT_TRUE(has(few.err, "only 4 usable views")) << few.err;
   EXPECT_TRUE(has(few.err, "hardly seen in the")) << few.err;
   EXPECT_TRUE(fs::exists(scratch_ / "made/coverage.png"));
-  EXPECT_FALSE(fs::exists(scratch_ / "made/calibration.yaml"));
+  EXPECT_EQ(text_of(scratch_ / "made/calibration.yaml"), earlier);
+  EXPECT_EQ(run("views --out new").code, 1);
+  EXPECT_FALSE(fs::exists(scratch_ / "new/calibration.yaml"));
 }
 
 }  // namespace

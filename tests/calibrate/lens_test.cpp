@@ -24,9 +24,10 @@ using namespace pptam::test;
 
 constexpr int kViews = 20;
 
-// What issue 15 asks for.
+// What issue 15 asks for, but of the centre: it asks for 1.5 px, and up to 0.17 are found. Corners that are half a
+// pixel off, across and down, move it by 0.71: this lies between 0.17 and 0.71 - 0.17.
 constexpr double kMaxFocalError = 0.003;
-constexpr double kMaxCentreError_px = 1.5;
+constexpr double kMaxCentreError_px = 0.4;
 constexpr double kMaxPixelError_px = 0.3;
 
 struct LensErrors {
@@ -111,10 +112,11 @@ TEST_P(Lens, ComesFromTwentyViews) {
     worst.centre_px = std::max(worst.centre_px, e.centre_px);
     worst.pixel_px = std::max(worst.pixel_px, e.pixel_px);
 
-    CameraModel mirrored = options.model;  // the controls: other truths are not met
-    mirrored.cx = static_cast<float>(mirrored.width - 1) - mirrored.cx;
-    mirrored.prepare();
-    EXPECT_FALSE(good(errors_of(fit.model, mirrored)));
+    Looked shifted = looked;  // the controls: corners half a pixel off, and another focal length, are noticed
+    for (BoardView& view : shifted.views) {
+      for (Vector2d& corner : view.corners) corner += Vector2d(0.5, 0.5);
+    }
+    EXPECT_GT(errors_of(fit_of(shifted, options.board).model, options.model).centre_px, kMaxCentreError_px);
     CameraModel longer = options.model;
     longer.fx *= 1.004f;
     longer.fy *= 1.004f;
@@ -128,12 +130,22 @@ TEST_P(Lens, ComesFromTwentyViews) {
 INSTANTIATE_TEST_SUITE_P(Kinds, Lens, ::testing::Values("pinhole", "barrel"),
                          [](const auto& kind) { return std::string(kind.param); });
 
-// Further than was asked for: one seed, the others stand in MEASURED.md.
+// Further than was asked for: in the image's corners, where the board is never seen, it may be pixels off, and tells
+// so.
 TEST_F(LensViews, FisheyeComesFromTwentyViews) {
-  const BoardCameraOptions options = camera_named("fisheye", 1);
-  const LensFit fit = fit_of(views_of(options, options.board, kViews), options.board);
-  EXPECT_EQ(fit.solution.kind, LensKind::kFisheye);
-  EXPECT_TRUE(good(errors_of(fit.model, options.model)));
+  for (uint64_t seed = 1; seed <= static_cast<uint64_t>(seeds()); ++seed) {
+    SCOPED_TRACE("seed " + std::to_string(seed));
+    const BoardCameraOptions options = camera_named("fisheye", seed);
+    const LensFit fit = fit_of(views_of(options, options.board, kViews), options.board);
+    const LensErrors e = errors_of(fit.model, options.model);
+    std::printf("fisheye, seed %d: focal length %.3f %%, centre %.2f px, any pixel %.3f px (told: %.2f)\n",
+                static_cast<int>(seed), 100 * e.focal, e.centre_px, e.pixel_px, fit.uncertain_px.value_or(0));
+    EXPECT_EQ(fit.solution.kind, LensKind::kFisheye);
+    EXPECT_LT(e.focal, kMaxFocalError);
+    EXPECT_LT(e.centre_px, kMaxCentreError_px);
+    ASSERT_TRUE(fit.uncertain_px);
+    EXPECT_LT(e.pixel_px, 4 * *fit.uncertain_px) << "four standard deviations";
+  }
 }
 
 // Five coefficients, of which the last only shows in the image's corners, where the board is never seen: what is not
@@ -148,6 +160,45 @@ TEST_F(LensViews, WideLensTellsWhatItDoesNotKnow) {
   ASSERT_TRUE(fit.uncertain_px);
   EXPECT_LT(e.pixel_px, 4 * *fit.uncertain_px) << "four standard deviations";
   EXPECT_EQ(*fit.uncertain_px > 1, !fit.warnings.empty());
+}
+
+// Lenses that are made up: the normal one fits to 0.04 px, but not the first five views, which it leaves out; the
+// fisheye fits all of them to `fisheye_px`.
+class TwoLenses : public BoardVision {
+ public:
+  explicit TwoLenses(double fisheye_px) : fisheye_px_(fisheye_px) {}
+  bool find(const GreyView&, int, int, bool, std::vector<Vector2d>*) const override { return false; }
+  bool find_any(const GreyView&, int*, int*) const override { return false; }
+  LensSolution solve(int, int, const std::vector<Vector2d>&, const std::vector<std::vector<Vector2d>>& views,
+                     LensKind kind) const override {
+    LensSolution solution;
+    solution.kind = kind;
+    solution.fx = solution.fy = 400, solution.cx = 239.5, solution.cy = 179.5;
+    if (kind == LensKind::kWide) solution.trouble = "not tried";
+    for (const std::vector<Vector2d>& view : views) {
+      const double off_px = kind == LensKind::kFisheye ? fisheye_px_ : view[0].x() < 5 ? 1 : 0.04;
+      solution.predicted.push_back(view);
+      for (Vector2d& corner : solution.predicted.back()) corner.y() += off_px;
+    }
+    return solution;
+  }
+
+ private:
+  double fisheye_px_;
+};
+
+TEST(LensChoice, ALensThatLeavesViewsOutIsNoBetterForIt) {
+  const Board board;
+  std::vector<BoardView> views(20);
+  for (size_t i = 0; i < views.size(); ++i) {
+    views[i].corners.assign(board.plane().size(), Vector2d(static_cast<double>(i), 0));
+    views[i].tilt = Vector2d(0.02 * static_cast<double>(i), 0);
+  }
+  const auto chosen = [&](double fisheye_px) {
+    return fit_lens(board, 480, 360, views, Coverage(480, 360), TwoLenses(fisheye_px), std::nullopt).solution.kind;
+  };
+  EXPECT_EQ(chosen(0.1), LensKind::kFisheye);
+  EXPECT_EQ(chosen(0.4), LensKind::kNormal) << "the control: it fits all views, but worse";
 }
 
 TEST_F(LensViews, TooFewAreRefused) {

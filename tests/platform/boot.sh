@@ -8,6 +8,7 @@ shopt -s inherit_errexit
 usage() {
   cat <<'HELP'
 Usage: tests/platform/boot.sh [OPTIONS] --script FILE
+       tests/platform/boot.sh [--machine NAME] [--suite NAME] --fetch
 Boots Debian's kernel in qemu (without KVM: the same everywhere), loads modules, runs FILE by busybox's sh as root and
 prints what the serial console says. The exit code is the script's.
   --machine NAME       pc (x86-64, default) or raspi0 (Raspberry Pi Zero, ARM1176 at 125 million instructions a second)
@@ -22,6 +23,8 @@ prints what the serial console says. The exit code is the script's.
   --out DIR            what the script writes to /out is found there afterwards, and dmesg.txt
   --memory MB          512 when not given, and always of raspi0
   --timeout SECONDS    90 when not given
+  --fetch              only fetches the kernel
+  --offline            never fetches it: without it, skips
 The kernel is fetched once from Debian into build/drivers (100 MB to fetch, 0.5 GB on disk), by apt-get and without
 being root.
 Exit codes: 77 skipped, because a package or program could not be had; 124 time is over; 125 the computer ended without
@@ -32,10 +35,13 @@ Examples:
 HELP
 }
 
-machine=pc suite=bookworm memory=512 seconds=90 script="" out="" root="" sysroot="" modules=() carried=() files=()
+machine=pc suite=bookworm memory=512 seconds=90 script="" out="" root="" sysroot="" fetch="" offline=""
+modules=() carried=() files=()
 while (($# > 0)); do
   case "$1" in
     -h | --help) usage; exit 0 ;;
+    --fetch) fetch=1 ;;
+    --offline) offline=1 ;;
     --machine | --suite | --module | --carry | --program | --file | --sysroot | --root | --out | --memory | \
       --timeout | --script)
       if (($# < 2)); then
@@ -65,7 +71,7 @@ while (($# > 0)); do
   esac
   shift
 done
-if [[ ! -f "$script" ]]; then
+if [[ -z "$fetch" && ! -f "$script" ]]; then
   echo "error: --script ${script:-is missing: it} must name a file that runs in the guest; see --help" >&2
   exit 2
 fi
@@ -78,16 +84,16 @@ done
 
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 source "$here/guest_kernel.sh"
-need_commands modprobe:kmod cpio:cpio readelf:binutils
+need_commands modprobe:kmod cpio:cpio readelf:binutils xz:xz-utils zstd:zstd
 case "$machine" in
   pc)
     need_commands qemu-system-x86_64:qemu-system-x86
-    kernel=$(guest_kernel "$suite" amd64 linux-image-amd64)
+    kernel=$(guest_kernel "$suite" amd64 linux-image-amd64 "$offline")
     disk=vda base_modules=(virtio_pci virtio_blk)
     ;;
   raspi0)
     need_commands qemu-system-arm:qemu-system-arm
-    kernel=$(guest_kernel "$suite" armel linux-image-rpi)
+    kernel=$(guest_kernel "$suite" armel linux-image-rpi "$offline")
     disk=mmcblk0 base_modules=(bcm2835_rng)
     ;;
   *)
@@ -95,6 +101,9 @@ case "$machine" in
     exit 2
     ;;
 esac
+if [[ -n "$fetch" ]]; then
+  exit 0
+fi
 release=$(ls "$kernel/lib/modules")
 
 scratch=$(mktemp -d)

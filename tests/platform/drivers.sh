@@ -5,7 +5,7 @@ set -euo pipefail
 usage() {
   cat <<'HELP'
 Usage: tests/platform/drivers.sh vivid|usb|pi BUILD
-Boots Debian's kernel (tests/platform/boot.sh) with the programs in the folder BUILD, such as build/test:
+Boots Debian's kernel, fetched before by tests/platform/boot.sh --fetch, with the programs in the folder BUILD, such as build/test:
   vivid  our V4L2 camera on the driver vivid: formats, sizes, times, and every fault that vivid can inject
   usb    pocket-ptam live with a USB camera by uvcvideo, which shows the emulated phone's desk at 320x240, 15 Hz, and
          is pulled out and plugged in again: pixels, accuracy, recording
@@ -39,7 +39,7 @@ fail() {
 
 test_vivid() {
   echo 'vivid_tests --gtest_color=no' >"$out/guest.sh"
-  "$here/boot.sh" --module "vivid n_devs=1 node_types=0x1 num_inputs=1 input_types=0" \
+  "$here/boot.sh" --offline --module "vivid n_devs=1 node_types=0x1 num_inputs=1 input_types=0" \
     --program "$programs/vivid_tests" --script "$out/guest.sh" --out "$out"
 }
 
@@ -94,25 +94,39 @@ number_frames() {
   sed -i '/^control/d' "$out/numbers.txt"
 }
 
+# What the clip's frames that were tracked live give when mapping has all the time that it wants: slow computers track
+# fewer frames, and nothing else is to be different.
+track_at_leisure() {
+  cp -r "$out/clip" "$out/leisure"
+  awk 'FILENAME ~ /numbers.txt$/ {tracked[$2] = 1; next} /^#/ || ++number in tracked' \
+    "$out/numbers.txt" "$out/clip/rgb.txt" >"$out/leisure/rgb.txt"
+  "$build/pocket-ptam" replay "$out/leisure" --calibration "$out/clip/calibration.yaml" --auto-start --no-overlay \
+    --no-report --out "$out/reference" >"$out/reference.txt" 2>&1 || fail "the same frames cannot be replayed"
+}
+
 check_frames() {
-  local tracked
+  local sent tracked left_out poses leisure_poses
+  sent=$(cat "$out/camera.txt" "$out/camera_again.txt" | grep -c '^frame .*[0-9]$')  # the others are erroneous
   tracked=$(wc -l <"$out/numbers.txt")
+  left_out=$(awk '$1 == "frames" && $3 == "tracked" {sum = $10 + $15 + $17} END {print sum + 0}' "$out/live.txt")
+  poses=$(wc -l <"$out/poses.txt") leisure_poses=$(grep -vc '^#' "$out/reference/trajectory.txt")
+  echo "$sent frames sent, $tracked tracked, $left_out said to be left out; $poses poses, at leisure $leisure_poses"
   awk '$2 == "none" || $2 <= last {wrong = 1} {last = $2} END {exit wrong}' "$out/numbers.txt" ||
     fail "frames with other pixels, or out of order"
   awk -v pulled=$pulled_after '$2 > pulled && ($2 - pulled) % 30 == 0 {wrong = 1} END {exit wrong}' \
     "$out/numbers.txt" || fail "an erroneous frame was tracked"
-  # On two free cores all but a few are tracked; an emulated computer on busy ones loses more.
-  ((tracked >= frames / 2)) || fail "only $tracked of $frames frames were tracked"
-  (($(wc -l <"$out/poses.txt") >= tracked / 3)) || fail "fewer than a third of the $tracked tracked frames have a pose"
+  # Pulled out twice, it may lose the frames in the driver's four buffers unseen.
+  ((tracked + left_out >= sent - 8)) || fail "of $sent frames only $tracked were tracked and $left_out said to be left out"
+  ((poses >= leisure_poses / 2 && poses > 0)) || fail "$poses poses where the same frames at leisure give $leisure_poses"
   grep -q 'tracking at the end' "$out/live.txt" || fail "it does not track at the end"
 }
 
 check_return() {
   local plugged back
-  plugged=$(awk '/^plugged/ {printf "%.3f", $2 / 1e9}' "$out/camera_again.txt")
+  plugged=$(sed -nE 's/^\[ *([0-9.]+)\].*Found UVC.*/\1/p' "$out/dmesg.txt" | tail -1)  # CLOCK_MONOTONIC but for ms
   back=$(awk -v after="$plugged" '$1 > after {print $1; exit}' "$out/numbers.txt")
-  echo "first frame ${back:-none}, plugged in again at $plugged s"
-  awk -v from="$plugged" -v to="${back:-inf}" 'BEGIN {exit !(to - from < 2)}' || fail "it goes on 2 s later or more"
+  echo "first frame ${back:-none}, found again by the kernel at $plugged s"
+  awk -v from="$plugged" -v to="${back:-1e18}" 'BEGIN {exit !(to - from < 2)}' || fail "it goes on 2 s later or more"
   grep -q 'waiting for it to come back' "$out/live.txt" || fail "it is not told that the camera was pulled out"
   grep -q 'is back' "$out/live.txt" || fail "it is not told that the camera is back"
 }
@@ -123,21 +137,25 @@ check_recording() {
   grep -v '^#' "$out/replayed/trajectory.txt" | cmp - "$out/poses.txt" || fail "the recording's replay has other poses"
 }
 
-# The truth is known at the times of the clip. The clip itself is replayed with an error of 0.16 % of the path; live,
-# at other times and with frames left out, it was 0.25 % on free cores and 0.44 % on cores shared with ten others.
+# The truth is known at the times of the clip. What is looked for are frames with wrong times: the control is a path three
+# frames late. By half a frame, a sixth of the control's error, the live path may be worse than the same frames at leisure.
 check_path() {
   awk '!/^#/ {print $1}' "$out/clip/rgb.txt" >"$out/clip.times"
   awk 'FILENAME ~ /clip.times$/ {clip[FNR] = $1; next}
        FILENAME ~ /numbers.txt$/ {time[$1] = clip[$2]; next}
        {$1 = time[$1]; print}' "$out/clip.times" "$out/numbers.txt" "$out/poses.txt" >"$out/trajectory.txt"
-  path_is_right "$out/trajectory.txt" || fail "the path is off by 1 % of its length or more"
   awk '{$1 = sprintf("%.9f", $1 + 0.2); print}' "$out/trajectory.txt" >"$out/late.txt"  # the control
-  ! path_is_right "$out/late.txt" >/dev/null || fail "a path that is three frames late passes for right"
+  local error leisure late
+  error=$(error_of "$out/trajectory.txt") leisure=$(error_of "$out/reference/trajectory.txt")
+  late=$(error_of "$out/late.txt")
+  echo "error of the path: $error %, at leisure $leisure %, three frames late $late %"
+  awk -v error="$error" -v least="$leisure" -v late="$late" 'function right(e) {return e > 0 && e < least + late / 6}
+    BEGIN {exit !(right(error) && !right(late))}' || fail "the path is wrong, or a late one passes for right"
 }
 
-path_is_right() {
-  "$build/pocket-ptam" eval "$1" "$out/clip/groundtruth.txt" | tee "$out/eval.txt"
-  awk '/trajectory error/ {found = 1; bad = !($3 > 0 && $3 < 1)} END {exit !found || bad}' "$out/eval.txt"
+# In % of the path; 0 when there is none.
+error_of() {
+  "$build/pocket-ptam" eval "$1" "$out/clip/groundtruth.txt" | awk '/trajectory error/ {e = $3} END {print e + 0}'
 }
 
 # test_usb PROGRAM CAMERA [BOOT OPTION...]
@@ -146,10 +164,11 @@ test_usb() {
   shift 2
   make_clip
   write_guest_script
-  "$here/boot.sh" --module dummy_hcd --module gadgetfs --module uvcvideo --program "$program" --program "$camera" \
+  "$here/boot.sh" --offline --module dummy_hcd --module gadgetfs --module uvcvideo --program "$program" --program "$camera" \
     --file "$out/sent.grey" --file "$out/sent.grey.yaml" --script "$out/guest.sh" --out "$out" "$@"
   cat "$out/live.txt"
   number_frames
+  track_at_leisure
   check_frames
   check_return
   check_recording

@@ -36,9 +36,10 @@ deb $signed http://deb.debian.org/debian-security $suite-security main" >"$dir/s
 
 # fetch_packages SUITE ARCHITECTURE FOLDER NAME...: unpacks packages into the folder, without what they depend on.
 fetch_packages() {
-  local suite=$1 architecture=$2 folder=$3 debs
+  local suite=$1 architecture=$2 folder=$3 debs=$3.debs
   shift 3
-  debs=$(mktemp -d -p "$drivers_dir")
+  rm -rf "$debs"
+  mkdir -p "$debs"
   echo "boot.sh: fetching Debian $suite's $*" >&2
   if ! (cd "$debs" && private_apt "$suite" "$architecture" apt-get download "$@") >&2; then
     rm -rf "$debs"
@@ -66,12 +67,13 @@ unpack_kernel() {
   return 1
 }
 
-# guest_kernel SUITE ARCHITECTURE METAPACKAGE: prints a folder with lib/modules, bin/busybox and vmlinux, or a board's
-# vmlinuz and dtb.
+# guest_kernel SUITE ARCHITECTURE METAPACKAGE OFFLINE: prints a folder with lib/modules, bin/busybox and vmlinux, or a
+# board's vmlinuz and dtb. OFFLINE, if not empty: skips when they have not been fetched.
 guest_kernel() {
-  local suite=$1 architecture=$2 meta=$3 folder package
+  local suite=$1 architecture=$2 meta=$3 offline=$4 folder package
   folder=$drivers_dir/kernel-$suite-$architecture
   if [[ ! -e "$folder/bin" ]]; then
+    [[ -z "$offline" ]] || skip "Debian $suite's kernel for $architecture is not here; tests/platform/boot.sh --fetch"
     need_commands apt-get:apt dpkg-deb:dpkg
     mkdir -p "$drivers_dir"
     rm -rf "$folder.new" "$folder"
@@ -110,5 +112,5 @@ copy_modules() {
     else
       cp "$path" "$plain"
     fi
-  done < <(sed -nE 's/^insmod ([^ ]+).*/\1/p' <<<"$list")
+  done < <(sed -nE 's/^insmod (.*\.ko(\.xz)?).*/\1/p' <<<"$list")
 }
