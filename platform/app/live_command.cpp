@@ -5,6 +5,7 @@
 
 #include <cmath>
 #include <cstdio>
+#include <filesystem>
 #include <memory>
 #include <utility>
 
@@ -29,6 +30,7 @@ namespace pptam::app {
 namespace {
 
 using namespace platform;
+namespace fs = std::filesystem;
 
 struct LiveChoice {
   std::string camera, readout, size, mode;
@@ -174,6 +176,17 @@ class LiveSession {
         status_(chosen.poses != "none" && chosen.to.empty() && chosen.udp == 0 && ::isatty(output_.poses()) != 0) {}
 
   int run() {
+    try {
+      return run_camera();
+    } catch (const InputError&) {
+      if (started_ || !interrupted()) throw;
+      status_.say(interruption() + " before the first frame: nothing was done");
+      return kExitOk;
+    }
+  }
+
+ private:
+  int run_camera() {
     check();
     Knowledge knowledge;
     knowledge.inputs.add("the calibration", chosen_.device.calibration);
@@ -204,13 +217,23 @@ class LiveSession {
     return finish(good);
   }
 
- private:
   void check() const {
     if (chosen_.udp != 0 && !chosen_.to.empty()) throw InputError("--udp and --to: poses go one way, choose one");
     if ((chosen_.udp != 0 || !chosen_.to.empty()) && chosen_.poses == "none")
       throw InputError("--poses none: --udp and --to have nothing to send");
     if (!chosen_.to.empty()) PoseLines::check_file(chosen_.to);
-    if (!chosen_.live.record.empty()) LiveRecording::check(chosen_.live.record);
+    const std::string& map = chosen_.output.save_map;
+    if (!map.empty() && !chosen_.to.empty() && same_place(map, chosen_.to))
+      throw InputError("--save-map " + map + ": is where --to writes, name another file");
+    const std::string& record = chosen_.live.record;
+    if (record.empty()) return;
+    LiveRecording::check(record);
+    for (const auto& [option, file] : {std::pair("--save-map ", map), std::pair("--to ", chosen_.to)}) {
+      if (file.empty()) continue;
+      const fs::path folder = fs::absolute(file).lexically_normal().parent_path();
+      if (same_place(file, record) || same_place(folder, record))
+        throw InputError(option + file + ": the folder is taken by --record, name another one");
+    }
   }
 
   RunLog live(platform::Camera& camera, const StartObserver& on_start, const FrameObserver& on_frame) {
@@ -218,6 +241,7 @@ class LiveSession {
     LiveObserver observer;
     observer.on_start = [&](const CameraInfo& info) {
       on_start(info);
+      started_ = true;
       poses_ = open_poses(chosen_, output_.poses());
       status_.say(info.name + format(": tracking %dx%d", info.model.width, info.model.height) +
                   (keys.terminal() ? "; keys: t tap, r reset, l lock, s save map, q quit" : ""));
@@ -273,6 +297,7 @@ class LiveSession {
   std::unique_ptr<PoseLines> poses_;
   StatusLine status_;
   LiveResult result_;
+  bool started_ = false;
 };
 
 void add_camera_options(CLI::App* live, LiveChoice* chosen) {

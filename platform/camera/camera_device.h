@@ -20,6 +20,7 @@ enum class PixelLayout {
 // What the driver's time of a frame means.
 enum class Stamp {
   kStartOfExposure,  // of the first line
+  kStartOfReadout,   // the first line has been exposed
   kEndOfFrame,       // the last line has been read out
   kArrival           // the driver does not say: when the buffer was seen here
 };
@@ -43,14 +44,17 @@ struct DeviceFrame {
 // The middle of the exposure of the image's centre: of a shutter that rolls over the whole image in readout_s, be it in
 // whichever direction, each line exposed for exposure_s.
 constexpr int64_t mid_exposure_ns(Stamp stamp, int64_t stamp_ns, double exposure_s, double readout_s) {
-  const auto half_ns = static_cast<int64_t>(0.5e9 * (exposure_s + readout_s) + 0.5);
-  return stamp == Stamp::kStartOfExposure ? saturated_sum(stamp_ns, half_ns) : saturated_difference(stamp_ns, half_ns);
+  const double after_s = stamp == Stamp::kStartOfExposure  ? exposure_s + readout_s
+                         : stamp == Stamp::kStartOfReadout ? readout_s - exposure_s
+                                                           : -exposure_s - readout_s;
+  return saturated_sum(stamp_ns, static_cast<int64_t>(0.5e9 * after_s + (after_s < 0 ? -0.5 : 0.5)));
 }
 
 // When the last line was read out.
 constexpr int64_t last_line_ns(Stamp stamp, int64_t stamp_ns, double exposure_s, double readout_s) {
-  if (stamp != Stamp::kStartOfExposure) return stamp_ns;
-  return saturated_sum(stamp_ns, static_cast<int64_t>(1e9 * (exposure_s + readout_s) + 0.5));
+  if (stamp != Stamp::kStartOfExposure && stamp != Stamp::kStartOfReadout) return stamp_ns;
+  const double after_s = stamp == Stamp::kStartOfExposure ? exposure_s + readout_s : readout_s;
+  return saturated_sum(stamp_ns, static_cast<int64_t>(1e9 * after_s + 0.5));
 }
 
 // How the sensor is to be held still.
@@ -75,6 +79,8 @@ class CameraDevice {
   // After a failure: opens the same device again, wherever it is now, with the last configuration. False: not there.
   virtual bool find_again() = 0;
 
+  // Before start(): sets what exposure, gain and white balance are to settle under, the filter and an exposure time.
+  virtual void prepare(const SensorRequest& request) = 0;
   // Holds exposure, gain, white balance and focus as they are now; a line for each about what was locked and what not.
   virtual std::vector<std::string> lock(const SensorRequest& request) = 0;
   virtual bool can_lock() const = 0;      // there is something to lock, and hence to wait for

@@ -42,12 +42,13 @@ bool is_upright(int rotate_degrees) {
   return rotate_degrees % 180 != 0;
 }
 
+bool same_shape(const CameraModel& model, int width, int height) {
+  return int64_t{model.width} * height == int64_t{model.height} * width;
+}
+
 // What the calibration of the device's images is, from that of images of perhaps another size.
 CameraModel reduced_model(const CameraModel& calibrated, const CameraMode& mode, const ImageReduction& reduction,
                           const std::string& file, std::vector<std::string>* warnings) {
-  const auto same_shape = [&](int width, int height) {
-    return int64_t{calibrated.width} * height == int64_t{calibrated.height} * width;
-  };
   const auto scaled = [&](int width, int height) {
     CameraModel model = calibrated;
     const double s = static_cast<double>(width) / calibrated.width;
@@ -63,13 +64,13 @@ CameraModel reduced_model(const CameraModel& calibrated, const CameraMode& mode,
   const std::string sizes = "calibration " + file + " is for images of " +
                             sides_text(calibrated.width, calibrated.height) + ", the camera's are " +
                             sides_text(mode.width, mode.height);
-  if (same_shape(mode.width, mode.height)) {
+  if (same_shape(calibrated, mode.width, mode.height)) {
     if (warnings) warnings->push_back(sizes + ": taken as the same view, scaled");
     return reduction.model(scaled(mode.width, mode.height));
   }
   const int width = reduction.cropped_width();
   const int height = reduction.cropped_height();
-  if (same_shape(width, height)) {
+  if (same_shape(calibrated, width, height)) {
     if (warnings) warnings->push_back(sizes + ": taken as that of their middle, " + sides_text(width, height));
     return reduction.model_of_cropped(scaled(width, height));
   }
@@ -91,11 +92,13 @@ class DeviceCamera : public Camera {
   Configuration configure(const CameraRequest& wanted) override { return set_up(wanted, nullptr); }
 
   void start() override {
+    locked_ = false;  // stop() has put the sensor back
+    device_->prepare(options_.sensor);
     device_->start();
     state_ = State::kStarting;
     heard_ns_ = device_->now_ns();
-    settle_until_ns_ = heard_ns_ + (device_->can_lock() && options_.sensor.exposure_s == 0 ? kSettle_ns : 0);
-    if (options_.sensor.exposure_s > 0) lock();
+    settle_until_ns_ = heard_ns_ + (device_->can_lock() ? kSettle_ns : 0);
+    if (options_.sensor.exposure_s > 0 && !device_->can_lock()) lock();
   }
   void stop() override {
     give_back();
@@ -142,8 +145,8 @@ class DeviceCamera : public Camera {
   State state_ = State::kStopped;
   DeviceFrame held_;  // buffer -1: none
   bool locked_ = false;
-  double readout_s_ = 0;  // of the device's whole image, not signed
-  int source_height_ = 0;
+  double readout_s_ = 0;                      // of the device's whole image, not signed
+  int source_width_ = 0, source_height_ = 0;  // what the reduction is for
   int64_t settle_until_ns_ = 0;
   int64_t heard_ns_ = 0;  // when the last usable frame came
   int64_t look_ns_ = 0;   // when a device that has gone is looked for again
@@ -205,13 +208,18 @@ void DeviceCamera::make_info(const CameraMode& mode, std::vector<std::string>* w
   info_.model.prepare();
   const bool rows = options_.readout_axis.value_or(calibration.shutter.axis) == RollingShutter::Axis::kRows;
   const bool calibrated_rows = calibration.shutter.axis == RollingShutter::Axis::kRows;
-  const double calibrated_s = static_cast<double>(calibration.shutter.line_time_s) *
-                              (calibrated_rows ? calibration.model.height : calibration.model.width);
+  double calibrated_s = static_cast<double>(calibration.shutter.line_time_s) *
+                        (calibrated_rows ? calibration.model.height : calibration.model.width);
+  if (!same_shape(calibration.model, mode.width, mode.height)) {  // it is that of the middle
+    calibrated_s *= calibrated_rows ? static_cast<double>(mode.height) / reduction_->cropped_height()
+                                    : static_cast<double>(mode.width) / reduction_->cropped_width();
+  }
   const double readout_s = options_.readout_s.value_or(calibrated_s);
   RollingShutter shutter;
   shutter.axis = rows ? RollingShutter::Axis::kRows : RollingShutter::Axis::kColumns;
   shutter.line_time_s = static_cast<float>(readout_s / (rows ? mode.height : mode.width));
   readout_s_ = std::abs(readout_s);
+  source_width_ = mode.width;
   source_height_ = mode.height;
   info_.shutter = reduction_->shutter(shutter);
   info_.exposure_s = static_cast<float>(options_.sensor.exposure_s);
@@ -263,6 +271,8 @@ bool DeviceCamera::take_newest() {
 
 // The frame in held_, as it is tracked.
 bool DeviceCamera::use(const DeviceFrame& raw, Frame* frame) {
+  if (raw.width != source_width_ || raw.height != source_height_)
+    return broken("its images are " + sides_text(raw.width, raw.height) + " now");
   GreyView view;
   if (!luminance_.read(raw, &view)) return broken(luminance_.trouble());
   if (state_ == State::kStarting) adopt_readout(raw.readout_s);
@@ -273,7 +283,8 @@ bool DeviceCamera::use(const DeviceFrame& raw, Frame* frame) {
   if (last_timestamp_ns_ && timestamp_ns <= *last_timestamp_ns_) return broken("its time does not advance");
   last_timestamp_ns_ = timestamp_ns;
   *frame = {view.data, view.width, view.height, view.stride, PixelFormat::kGrey, timestamp_ns};
-  status_.arrived_ns = last_line_ns(raw.stamp, raw.stamp_ns, exposure_s, readout_s);
+  // Not later than it is seen, whatever the exposure and readout were said to be.
+  status_.arrived_ns = std::min(last_line_ns(raw.stamp, raw.stamp_ns, exposure_s, readout_s), device_->now_ns());
   return true;
 }
 

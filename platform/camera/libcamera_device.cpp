@@ -66,9 +66,10 @@ int64_t monotonic_of(int64_t stamp_ns) {
 // One for the whole process: libcamera allows no more. Never stopped, as nothing of it may be used afterwards.
 lc::CameraManager& manager() {
   static lc::CameraManager* const started = [] {
-    auto* made = new lc::CameraManager();
-    if (made->start() != 0) throw InputError("libcamera does not start");
-    return made;
+    auto made = std::make_unique<lc::CameraManager>();  // a second one beside it would end the program
+    const int error = made->start();
+    if (error != 0) throw InputError(std::string("libcamera does not start: ") + std::strerror(-error));
+    return made.release();
   }();
   return *started;
 }
@@ -110,26 +111,18 @@ CameraDescription describe_camera(lc::Camera& camera, size_t index) {
 class LibcameraDevice : public CameraDevice {
  public:
   explicit LibcameraDevice(const std::string& which) : event_fd_(::eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)) {
-    const auto cameras = manager().cameras();
-    size_t index = 0;
-    while (index < cameras.size() && which != std::to_string(index) && which != cameras[index]->id()) ++index;
-    if (index == cameras.size()) {
-      throw InputError("camera libcamera:" + which + ": there is no such camera, libcamera sees " +
-                       std::to_string(cameras.size()));
+    try {
+      open(which);
+    } catch (...) {
+      close();
+      throw;
     }
-    acquire(cameras[index]);
-    description_ = describe_camera(*camera_, index);
-    if (description_.modes.empty())
-      throw InputError("camera " + description_.address +
-                       " offers none of the formats R8, NV12, YUV420, YUYV and MJPEG");
   }
-  ~LibcameraDevice() override {
-    release();
-    ::close(event_fd_);
-  }
+  ~LibcameraDevice() override { close(); }
 
   CameraDescription describe() override { return description_; }
   Configuration configure(const CameraRequest& wanted) override;
+  void prepare(const SensorRequest& request) override;
   void start() override;
   void stop() noexcept override;
   Wake wait(int64_t deadline_ns) override;
@@ -137,12 +130,20 @@ class LibcameraDevice : public CameraDevice {
   void give_back(int buffer) override;
   bool find_again() override;
   std::vector<std::string> lock(const SensorRequest& request) override;
-  bool can_lock() const override { return control("AeEnable") != nullptr; }
+  bool can_lock() const override { return control("AeEnable") != nullptr || control("AwbEnable") != nullptr; }
   double exposure_s() const override { return exposure_s_; }
   std::string clock() const override { return clock_; }
   int64_t now_ns() const override { return clock_ns(CLOCK_MONOTONIC); }
 
  private:
+  void open(const std::string& which);
+  void close() noexcept {
+    release();
+    ::close(event_fd_);
+  }
+  Configuration set_format(const CameraRequest& wanted);
+  std::string set_filter(int mains_hz);
+  void send_rate(double frames_per_s);
   void acquire(std::shared_ptr<lc::Camera> camera);
   void release() noexcept;
   void on_complete(lc::Request* request);
@@ -160,7 +161,7 @@ class LibcameraDevice : public CameraDevice {
   std::unique_ptr<lc::FrameBufferAllocator> allocator_;
   std::vector<std::unique_ptr<lc::Request>> requests_;  // by the buffers' numbers
   std::map<const lc::FrameBuffer*, std::pair<void*, size_t>> mapped_;
-  CameraRequest request_;
+  CameraRequest accepted_;  // by the last configure()
   const Format* format_ = nullptr;
   lc::ControlList sent_;                // all that was set since the start, for a camera that comes back
   lc::ControlList fresh_;               // not sent yet
@@ -170,7 +171,6 @@ class LibcameraDevice : public CameraDevice {
   double exposure_s_ = 0;
   std::string clock_;
   std::string id_;  // of the camera, also while it is gone
-  int width_ = 0, height_ = 0;
   bool streaming_ = false;
 
   int event_fd_;
@@ -179,15 +179,32 @@ class LibcameraDevice : public CameraDevice {
   bool disconnected_ = false;
 };
 
+void LibcameraDevice::open(const std::string& which) {
+  const auto cameras = manager().cameras();
+  size_t index = 0;
+  while (index < cameras.size() && which != std::to_string(index) && which != cameras[index]->id()) ++index;
+  if (index == cameras.size()) {
+    throw InputError("camera libcamera:" + which + ": there is no such camera, libcamera sees " +
+                     std::to_string(cameras.size()) + "; pocket-ptam cameras lists them");
+  }
+  acquire(cameras[index]);
+  description_ = describe_camera(*camera_, index);
+  if (description_.modes.empty())
+    throw InputError("camera " + description_.address + " offers none of the formats R8, NV12, YUV420, YUYV and MJPEG");
+}
+
 void LibcameraDevice::acquire(std::shared_ptr<lc::Camera> camera) {
   const int error = camera->acquire();
   if (error == -EBUSY) throw InputError("camera " + camera->id() + ": another program uses it, end that first");
   if (error != 0) throw InputError("camera " + camera->id() + ": cannot be acquired: " + std::strerror(-error));
   camera_ = std::move(camera);
   id_ = camera_->id();
+  {
+    const std::lock_guard<std::mutex> hold(mutex_);
+    disconnected_ = false;
+  }
   camera_->requestCompleted.connect(this, &LibcameraDevice::on_complete);
   camera_->disconnected.connect(this, &LibcameraDevice::on_disconnect);
-  disconnected_ = false;
   sent_ = lc::ControlList(camera_->controls());
   fresh_ = lc::ControlList(camera_->controls());
 }
@@ -237,6 +254,13 @@ bool LibcameraDevice::send(const std::string& name, const T& value) {
 }
 
 Configuration LibcameraDevice::configure(const CameraRequest& wanted) {
+  Configuration result = set_format(wanted);
+  if (result.answer != ConfigurationAnswer::kInvalid)
+    accepted_ = {result.mode.width, result.mode.height, wanted.frames_per_s, result.mode.format};
+  return result;
+}
+
+Configuration LibcameraDevice::set_format(const CameraRequest& wanted) {
   Configuration result;
   configuration_ = camera_->generateConfiguration({lc::StreamRole::Viewfinder});
   const auto invalid = [&](const std::string& why) {
@@ -264,14 +288,8 @@ Configuration LibcameraDevice::configure(const CameraRequest& wanted) {
   const int error = camera_->configure(configuration_.get());
   if (error != 0) throw InputError(description_.address + ": cannot be configured: " + std::strerror(-error));
   format_ = given;
-  request_ = wanted;
-  if (wanted.frames_per_s > 0) {
-    const auto period_us = static_cast<int64_t>(std::lround(1e6 / wanted.frames_per_s));
-    send("FrameDurationLimits", lc::Span<const int64_t, 2>(std::array<int64_t, 2>{period_us, period_us}));
-  }
+  send_rate(wanted.frames_per_s);
   result.mode = {given->name, static_cast<int>(stream.size.width), static_cast<int>(stream.size.height), {}};
-  width_ = result.mode.width;
-  height_ = result.mode.height;
   if (control("FrameDurationLimits") != nullptr) result.mode.frames_per_s = {wanted.frames_per_s};
   if ((wanted.width > 0 && wanted.width != result.mode.width) ||
       (wanted.height > 0 && wanted.height != result.mode.height) ||
@@ -402,6 +420,31 @@ void LibcameraDevice::give_back(int buffer) {
   if (error != 0) throw InputError(description_.address + ": giving a buffer back: " + std::strerror(-error));
 }
 
+// Periods of the light, which flickers twice in one of the mains.
+std::string LibcameraDevice::set_filter(int mains_hz) {
+  if (mains_hz == 0) return "power-line filter: as it was, give --mains 50 or 60";
+  const int32_t period_us = mains_hz == 50 ? 10000 : 8333;
+  if (send("AeFlickerMode", int32_t{1}) && send("AeFlickerPeriod", period_us))
+    return format("power-line filter: %d Hz", mains_hz);
+  return "power-line filter: not set, the camera has no such control";
+}
+
+void LibcameraDevice::send_rate(double frames_per_s) {
+  if (frames_per_s <= 0) return;
+  const auto period_us = static_cast<int64_t>(std::lround(1e6 / frames_per_s));
+  send("FrameDurationLimits", lc::Span<const int64_t, 2>(std::array<int64_t, 2>{period_us, period_us}));
+}
+
+void LibcameraDevice::prepare(const SensorRequest& request) {
+  sent_ = lc::ControlList(camera_->controls());  // what an earlier start has locked is free again
+  send_rate(accepted_.frames_per_s);
+  send("AeEnable", true);
+  send("AwbEnable", true);
+  set_filter(request.mains_hz);
+  // With its automatic still on, which finds the gain for it where the camera can do so.
+  if (request.exposure_s > 0) send("ExposureTime", static_cast<int32_t>(std::lround(1e6 * request.exposure_s)));
+}
+
 std::vector<std::string> LibcameraDevice::lock(const SensorRequest& request) {
   std::vector<std::string> lines;
   if (request.exposure_s > 0) exposure_us_ = static_cast<int32_t>(std::lround(1e6 * request.exposure_s));
@@ -411,26 +454,24 @@ std::vector<std::string> LibcameraDevice::lock(const SensorRequest& request) {
   if (timed) exposure_s_ = 1e-6 * *exposure_us_;
   if (!timed && request.exposure_s > 0) exposure_s_ = request.exposure_s;
   const std::string none = ": not locked, the camera has no such control";
-  const bool silent = !timed && control("ExposureTime") != nullptr;
-  lines.push_back(manual   ? format("exposure: locked at %.4g ms", 1e-3 * *exposure_us_)
-                  : silent ? std::string("exposure: not locked, the camera does not report it; give --exposure")
-                           : "exposure" + none);
-  lines.push_back(gained ? format("gain: locked at %.3g", static_cast<double>(*gain_)) : "gain" + none);
+  const std::string silent = ": not locked, the camera does not report it";
+  const bool has_time = control("ExposureTime") != nullptr;
+  lines.push_back(manual               ? format("exposure: locked at %.4g ms", 1e-3 * *exposure_us_)
+                  : !timed && has_time ? "exposure" + silent + "; give --exposure"
+                                       : "exposure" + none);
+  const bool has_gain = control("AnalogueGain") != nullptr;
+  lines.push_back(gained               ? format("gain: locked at %.3g", static_cast<double>(*gain_))
+                  : has_gain && manual ? "gain" + silent
+                  : has_gain           ? std::string("gain: not locked, as the exposure is not")
+                                       : "gain" + none);
   const bool white = colours_ && send("AwbEnable", false);
   if (white) send("ColourGains", lc::Span<const float, 2>(*colours_));
-  lines.push_back("white balance" + (white ? std::string(": locked") : none));
+  const bool has_white = control("AwbEnable") != nullptr;
+  lines.push_back("white balance" + (white ? std::string(": locked") : has_white ? silent : none));
   const bool focus = send("AfMode", static_cast<int32_t>(lc::controls::AfModeManual));
   if (focus && lens_) send("LensPosition", *lens_);
   lines.push_back("focus" + (focus ? std::string(": locked") : ": fixed, or there is no such control"));
-  // Periods of the light, which flickers twice in one of the mains.
-  const int32_t period_us = request.mains_hz == 50 ? 10000 : 8333;
-  if (request.mains_hz == 0) {
-    lines.push_back("power-line filter: as it was, give --mains 50 or 60");
-  } else if (send("AeFlickerMode", int32_t{1}) && send("AeFlickerPeriod", period_us)) {
-    lines.push_back(format("power-line filter: %d Hz", request.mains_hz));
-  } else {
-    lines.push_back("power-line filter: not set, the camera has no such control");
-  }
+  lines.push_back(set_filter(request.mains_hz));
   return lines;
 }
 
@@ -438,12 +479,10 @@ bool LibcameraDevice::find_again() {
   release();
   const std::shared_ptr<lc::Camera> found = manager().get(id_);
   if (found == nullptr) return false;
-  const std::string name = format_->name;
-  const int width = width_, height = height_;
   acquire(found);
-  const Configuration configuration = configure({width, height, request_.frames_per_s, name});
-  return configuration.answer != ConfigurationAnswer::kInvalid && configuration.mode.width == width &&
-         configuration.mode.height == height;
+  const Configuration configuration = set_format(accepted_);
+  return configuration.answer != ConfigurationAnswer::kInvalid && configuration.mode.width == accepted_.width &&
+         configuration.mode.height == accepted_.height;
 }
 
 std::vector<CameraDescription> list_cameras_of_libcamera() {

@@ -92,25 +92,27 @@ std::string V4l2Controls::lock_exposure(int fd, double wanted_s) {
   return line;
 }
 
+std::string V4l2Controls::set_filter(int fd, int mains_hz) {
+  if (mains_hz == 0) return "power-line filter: as it was, give --mains 50 or 60";
+  const int32_t filter = mains_hz == 50 ? V4L2_CID_POWER_LINE_FREQUENCY_50HZ : V4L2_CID_POWER_LINE_FREQUENCY_60HZ;
+  const bool there = exists(fd, V4L2_CID_POWER_LINE_FREQUENCY);
+  if (there && set(fd, V4L2_CID_POWER_LINE_FREQUENCY, filter)) return format("power-line filter: %d Hz", mains_hz);
+  return std::string("power-line filter: not set, the device ") + (there ? "refuses it" : "has no such control");
+}
+
+void V4l2Controls::prepare(int fd, const SensorRequest& request) {
+  kept_.clear();
+  set_filter(fd, request.mains_hz);
+  if (request.exposure_s > 0) lock_exposure(fd, request.exposure_s);
+}
+
 std::vector<std::string> V4l2Controls::lock(int fd, const SensorRequest& request) {
   std::vector<std::string> lines;
   lines.push_back(lock_exposure(fd, request.exposure_s));
   lines.push_back(lock_value(fd, "gain", V4L2_CID_AUTOGAIN, 0, V4L2_CID_GAIN));
   lines.push_back(lock_value(fd, "white balance", V4L2_CID_AUTO_WHITE_BALANCE, 0, V4L2_CID_WHITE_BALANCE_TEMPERATURE));
   lines.push_back(lock_value(fd, "focus", V4L2_CID_FOCUS_AUTO, 0, V4L2_CID_FOCUS_ABSOLUTE));
-  if (request.mains_hz == 0) {
-    lines.push_back("power-line filter: as it was, give --mains 50 or 60");
-    return lines;
-  }
-  const int32_t filter =
-      request.mains_hz == 50 ? V4L2_CID_POWER_LINE_FREQUENCY_50HZ : V4L2_CID_POWER_LINE_FREQUENCY_60HZ;
-  const bool there = exists(fd, V4L2_CID_POWER_LINE_FREQUENCY);
-  if (there && set(fd, V4L2_CID_POWER_LINE_FREQUENCY, filter)) {
-    lines.push_back(format("power-line filter: %d Hz", request.mains_hz));
-  } else {
-    lines.push_back(std::string("power-line filter: not set, the device ") +
-                    (there ? "refuses it" : "has no such control"));
-  }
+  lines.push_back(set_filter(fd, request.mains_hz));
   return lines;
 }
 

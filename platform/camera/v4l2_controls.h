@@ -16,6 +16,8 @@ class V4l2Controls {
  public:
   explicit V4l2Controls(V4l2Calls& calls) : calls_(calls) {}
 
+  // The filter against flicker, and the exposure time if one is given.
+  void prepare(int fd, const SensorRequest& request);
   // At the values that the device's own control has found; of a device that came back, at those of the first time. A
   // line for each of them.
   std::vector<std::string> lock(int fd, const SensorRequest& request);
@@ -29,6 +31,7 @@ class V4l2Controls {
   bool get(int fd, uint32_t id, int32_t* value);
   bool set(int fd, uint32_t id, int32_t value);
   std::string lock_exposure(int fd, double wanted_s);
+  std::string set_filter(int fd, int mains_hz);
   // Switches `automatic` to `off` and keeps the value that it had found.
   std::string lock_value(int fd, const std::string& what, uint32_t automatic, int32_t off, uint32_t value);
 

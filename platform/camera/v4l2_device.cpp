@@ -195,6 +195,10 @@ class V4l2Device : public CameraDevice {
 
   CameraDescription describe() override { return description_; }
   Configuration configure(const CameraRequest& wanted) override;
+  void prepare(const SensorRequest& request) override {
+    controls_.prepare(node_->fd(), request);
+    can_lock_ = controls_.has_automatic(node_->fd());
+  }
   void start() override;
   void stop() noexcept override;
   Wake wait(int64_t deadline_ns) override;
@@ -214,6 +218,9 @@ class V4l2Device : public CameraDevice {
   };
 
   void open();
+  std::vector<std::string> alike() const;
+  std::unique_ptr<Node> find_node(std::string* place) const;
+  Configuration set_format(const CameraRequest& wanted);
   double set_rate(double frames_per_s);
   void map_buffers();
   void unmap_buffers() noexcept;
@@ -223,7 +230,8 @@ class V4l2Device : public CameraDevice {
   V4l2Controls controls_;
   CameraDescription description_;
   std::string bus_;
-  CameraRequest request_;  // the last one that was accepted
+  std::vector<std::string> others_;  // where cameras of the same name were at the start
+  CameraRequest accepted_;           // by the last configure()
   const Format* format_ = nullptr;
   int width_ = 0, height_ = 0, stride_ = 0;
   bool can_lock_ = false;
@@ -254,6 +262,7 @@ void V4l2Device::open() {
                      " offers none of the formats GREY, NV12, YU12, YUYV and MJPG; a sensor with raw " +
                      "images needs libcamera: try --camera libcamera:0");
   can_lock_ = controls_.has_automatic(node_->fd());
+  others_ = alike();
 }
 
 // What the driver says afterwards; 0: it does not say.
@@ -272,6 +281,13 @@ double V4l2Device::set_rate(double frames_per_s) {
 }
 
 Configuration V4l2Device::configure(const CameraRequest& wanted) {
+  Configuration result = set_format(wanted);
+  if (result.answer != ConfigurationAnswer::kInvalid)
+    accepted_ = {result.mode.width, result.mode.height, wanted.frames_per_s, result.mode.format};
+  return result;
+}
+
+Configuration V4l2Device::set_format(const CameraRequest& wanted) {
   const std::string& path = node_->path();
   Configuration result;
   v4l2_format asked = {};
@@ -309,7 +325,6 @@ Configuration V4l2Device::configure(const CameraRequest& wanted) {
   height_ = static_cast<int>(pix.height);
   stride_ = static_cast<int>(pix.bytesperline);
   if (stride_ == 0) stride_ = width_ * (given->layout == PixelLayout::kYuyv ? 2 : 1);
-  request_ = wanted;
   const double rate = set_rate(wanted.frames_per_s);
   result.mode = {given->name, width_, height_, {}};
   if (rate > 0) result.mode.frames_per_s = {rate};
@@ -418,6 +433,9 @@ bool V4l2Device::take(DeviceFrame* frame) {
     frame->stamp = Stamp::kArrival;
     frame->stamp_ns = calls_.now_ns();
     clock_ = "this program's, when a frame is seen";
+  } else if (source == V4L2_BUF_FLAG_TSTAMP_SRC_SOE && description_.driver == "uvcvideo") {
+    frame->stamp = Stamp::kStartOfReadout;  // it says so, but takes the time when a frame's first packet arrives
+    clock_ = "the kernel's monotonic, a frame's first packet";
   } else if (source == V4L2_BUF_FLAG_TSTAMP_SRC_SOE) {
     frame->stamp = Stamp::kStartOfExposure;
     clock_ = "the kernel's monotonic, start of exposure";
@@ -439,29 +457,60 @@ void V4l2Device::give_back(int index) {
   refused_.push_back(index);
 }
 
-// The node may have got another number: what was where in the machine tells, then the name. The path as the user gave
-// it comes first: it may be a link that udev keeps.
+// Where the other cameras of its name are in the machine.
+std::vector<std::string> V4l2Device::alike() const {
+  std::vector<std::string> places;
+  for (const std::string& path : calls_.nodes()) {
+    Node node(calls_, path);
+    CameraDescription found;
+    std::string bus, why;
+    if (node.open() && describe_node(node, &found, &bus, &why, false) && found.name == description_.name &&
+        bus != bus_) {
+      places.push_back(bus);
+    }
+  }
+  return places;
+}
+
+// The node may have got another number: what was where in the machine tells, then the name, if only one has it that was
+// not there before. The path as the user gave it comes first: it may be a link that udev keeps. Null: none.
+std::unique_ptr<Node> V4l2Device::find_node(std::string* place) const {
+  std::vector<std::string> paths = {description_.address};
+  for (std::string& path : calls_.nodes()) paths.push_back(std::move(path));
+  std::unique_ptr<Node> moved;
+  bool several = false;
+  for (const std::string& path : paths) {
+    auto node = std::make_unique<Node>(calls_, path);
+    CameraDescription found;
+    std::string bus, why;
+    if (!node->open() || !describe_node(*node, &found, &bus, &why, false) || found.name != description_.name) continue;
+    if (bus == bus_) {
+      *place = bus;
+      return node;
+    }
+    if (std::find(others_.begin(), others_.end(), bus) != others_.end()) continue;
+    several = several || (moved != nullptr && bus != *place);
+    if (moved != nullptr) continue;
+    moved = std::move(node);
+    *place = bus;
+  }
+  return several ? nullptr : std::move(moved);
+}
+
 bool V4l2Device::find_again() {
   stop();
   node_->close();
-  std::vector<std::string> paths = {description_.address};
-  for (std::string& path : calls_.nodes()) paths.push_back(std::move(path));
-  for (const std::string& path : paths) {
-    auto node = std::make_unique<Node>(calls_, path);
-    if (!node->open()) continue;
-    CameraDescription found;
-    std::string bus, why;
-    if (!describe_node(*node, &found, &bus, &why, false)) continue;
-    if (found.name != description_.name || bus != bus_) continue;
-    const std::string address = description_.address;
-    node_ = std::move(node);
-    const CameraRequest as_before = {width_, height_, request_.frames_per_s, format_->name};
-    const int width = width_;
-    const int height = height_;
-    const Configuration configuration = configure(as_before);
-    return configuration.answer != ConfigurationAnswer::kInvalid && width_ == width && height_ == height;
+  std::string place;
+  std::unique_ptr<Node> node = find_node(&place);
+  if (node == nullptr) return false;
+  node_ = std::move(node);
+  const Configuration configuration = set_format(accepted_);
+  if (configuration.answer == ConfigurationAnswer::kInvalid || width_ != accepted_.width ||
+      height_ != accepted_.height) {
+    return false;
   }
-  return false;
+  bus_ = place;
+  return true;
 }
 
 V4l2Calls& system_calls() {

@@ -28,7 +28,13 @@ class LiveRun {
     Frame frame;
     first_frame(&frame);
     build();
-    observer_.on_start(result_.log.camera);
+    try {
+      observer_.on_start(result_.log.camera);
+    } catch (...) {
+      if (recording_) recording_->discard();
+      throw;
+    }
+    begun_ns_ = clock_.now_ns();
     do {
       track(frame);
     } while (!over_ && next_frame(&frame));
@@ -57,6 +63,7 @@ class LiveRun {
   std::optional<NotedSystem> system_;
   LiveResult result_;
   int64_t first_ns_ = 0;  // timestamp
+  int64_t begun_ns_ = 0;  // by clock_
   int slices_ = 0;
   int64_t mapping_ns_ = 0;
   bool over_ = false;
@@ -71,8 +78,10 @@ void LiveRun::first_frame(Frame* frame) {
     const CameraEvent event = camera_.wait(frame, clock_.now_ns() + kLook_ns);
     if (event == CameraEvent::kFrame) return;
     if (event == CameraEvent::kEnd) throw InputError(camera_.info().name + ": holds no images");
-    if (event == CameraEvent::kUnplugged) throw InputError(camera_.status().trouble);
-    if (clock_.now_ns() > until_ns) throw InputError(camera_.info().name + ": delivers no frames");
+    if (event == CameraEvent::kUnplugged)
+      throw InputError(camera_.status().trouble + ": plug it in again, or try another --mode");
+    if (clock_.now_ns() > until_ns)
+      throw InputError(camera_.info().name + ": delivers no frames: plug it in again, or try another --mode");
   }
 }
 
@@ -93,12 +102,13 @@ void LiveRun::build() {
     const Status status = System::map_info(map, &info);
     if (!status.ok()) throw InputError(options_.run.load_map + ": " + status.message());
   }
-  if (!options_.record.empty()) recording_ = std::make_unique<LiveRecording>(options_.record, log.camera, bare);
-  system_.emplace(*session_.system, recording_.get());
   if (!map.empty()) {
-    const Status status = system_->load_map(map);
+    const Status status = session_.system->load_map(map);
     if (!status.ok()) throw InputError(options_.run.load_map + ": " + status.message());
   }
+  if (!options_.record.empty()) recording_ = std::make_unique<LiveRecording>(options_.record, log.camera, bare);
+  if (recording_ && !map.empty()) recording_->note_load(map);
+  system_.emplace(*session_.system, recording_.get());
   if (options_.run.lock_map) system_->set_locked(true);
 }
 
@@ -112,6 +122,11 @@ bool LiveRun::next_frame(Frame* frame) {
     const CameraEvent event = camera_.wait(frame, busy ? 0 : clock_.now_ns() + kLook_ns);
     if (event == CameraEvent::kFrame) return true;
     if (!meet(event)) return false;
+    // A camera that has gone has no times.
+    if (result_.status.camera_gone && options_.duration_s > 0 &&
+        1e-9 * static_cast<double>(clock_.now_ns() - begun_ns_) >= options_.duration_s) {
+      return false;
+    }
     if (!busy) continue;
     const int64_t from_ns = clock_.now_ns();
     system_->work_slice();
@@ -233,7 +248,12 @@ LiveResult LiveRun::finish() {
   camera_.stop();
   log.dropped = static_cast<int>(std::min<int64_t>(result_.status.camera.dropped, INT32_MAX));
   log.source_frames += log.dropped;
-  take_map(*session_.system, options_.run, &log);
+  RunOptions wanted = options_.run;
+  if (wanted.save_map && session_.system->map_bytes() == 0) {  // nobody's fault: it was ended when it was
+    wanted.save_map = false;
+    log.warnings.emplace_back("--save-map: nothing is saved, there was no map at the end");
+  }
+  take_map(*session_.system, wanted, &log);
   if (recording_) {
     recording_->finish(log.map_hash);
     result_.status.record_trouble = recording_->trouble();

@@ -7,6 +7,7 @@
 #include <cinttypes>
 #include <cstdlib>
 #include <cstring>
+#include <fstream>
 #include <sstream>
 #include <string_view>
 #include <utility>
@@ -26,8 +27,8 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr const char* kHead = "pocket-ptam live recording 1";
-constexpr size_t kMaxEvents = size_t{256} << 20;  // bytes: a day at 30 frames/s has 200 MB
-constexpr int kMaxSlices = 10'000'000;            // of one line; a map that rests takes thousands
+constexpr const char* kHeadOfAnyVersion = "pocket-ptam live recording ";
+constexpr size_t kEndBytes = 32;  // room for the line of the end
 
 const std::string kDistortions[] = {"none", "fov", "radtan", "equidistant"};
 
@@ -91,28 +92,55 @@ void LiveRecording::check(const fs::path& folder) {
 }
 
 LiveRecording::LiveRecording(const fs::path& folder, const CameraInfo& camera, const RunOptions& options,
-                             FileOperations* files)
-    : folder_(folder), files_(files != nullptr ? *files : system_) {
+                             FileOperations* files, size_t max_events)
+    : folder_(folder), files_(files != nullptr ? *files : system_), max_events_(max_events) {
   check(folder);
-  make_folder(folder / "rgb", "--record");
-  write_text_atomically(folder / "calibration.yaml",
+  try {
+    make(camera, options);
+  } catch (...) {
+    close_files();
+    discard();
+    throw;
+  }
+}
+
+void LiveRecording::make(const CameraInfo& camera, const RunOptions& options) {
+  std::error_code ignored;
+  if (!fs::exists(folder_, ignored)) made_.push_back(folder_);
+  made_.push_back(folder_ / "rgb");
+  make_folder(folder_ / "rgb", "--record");
+  write_text_atomically(folder_ / "calibration.yaml",
                         calibration_yaml({camera.model, camera.shutter, camera.exposure_s}));
+  made_.push_back(folder_ / "calibration.yaml");
   const auto open = [&](const char* name) {
-    const int fd = files_.open((folder / name).c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
-    if (fd < 0) throw InputError("--record " + (folder / name).string() + ": " + std::strerror(errno));
+    const int fd = files_.open((folder_ / name).c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+    if (fd < 0) throw InputError("--record " + (folder_ / name).string() + ": " + std::strerror(errno));
+    made_.push_back(folder_ / name);
     return fd;
   };
   events_fd_ = open(kEventsName);
   list_fd_ = open("rgb.txt");
-  append(list_fd_, "# timestamp filename\n", folder / "rgb.txt");
-  append(events_fd_, head_text(camera, options), folder / kEventsName);
+  append(list_fd_, "# timestamp filename\n", folder_ / "rgb.txt");
+  const std::string head = head_text(camera, options);
+  append(events_fd_, head, folder_ / kEventsName);
+  events_bytes_ = head.size();
   if (!trouble_.empty()) throw InputError("--record " + trouble_);
 }
 
 LiveRecording::~LiveRecording() {
-  for (const int fd : {events_fd_, list_fd_}) {
-    if (fd >= 0) files_.close(fd);
+  close_files();
+}
+
+void LiveRecording::close_files() noexcept {
+  for (int* fd : {&events_fd_, &list_fd_}) {
+    if (*fd >= 0) files_.close(*fd);
+    *fd = -1;
   }
+}
+
+void LiveRecording::discard() noexcept {
+  std::error_code ignored;  // a folder that others have put something into stays
+  for (auto path = made_.rbegin(); path != made_.rend(); ++path) fs::remove(*path, ignored);
 }
 
 void LiveRecording::give_up(const std::string& why) {
@@ -141,12 +169,20 @@ void LiveRecording::write_file(const fs::path& file, std::span<const std::byte> 
   if (trouble_ != before) files_.unlink(file.c_str());
 }
 
+void LiveRecording::note_slice() {
+  if (!trouble_.empty()) return;
+  ++slices_;
+  if (++slices_before_frame_ > kMaxSlices) give_up("no frame came for too long");
+}
+
 void LiveRecording::flush_slices() {
   if (slices_ > 0) pending_ += format("slices %d\n", slices_);
   slices_ = 0;
 }
 
 void LiveRecording::note(const std::string& call) {
+  if (!trouble_.empty()) return;
+  if (++calls_ > kMaxCalls) return give_up(format("more than %d keys", kMaxCalls));
   flush_slices();
   pending_ += call + "\n";
 }
@@ -155,6 +191,7 @@ void LiveRecording::note_load(std::span<const std::byte> map) {
   if (!trouble_.empty()) return;
   const std::string name = format("map-%d.map", maps_++);
   write_file(folder_ / name, {}, map);
+  if (trouble_.empty()) made_.push_back(folder_ / name);
   note("load " + name);
 }
 
@@ -162,6 +199,11 @@ void LiveRecording::note_frame(const Frame& frame, const TrackResult& result) {
   if (!trouble_.empty()) return;
   const std::string stamp = timestamp_name(frame.timestamp_ns);
   const std::string name = "rgb/" + stamp + ".pgm";
+  flush_slices();
+  const std::string line =
+      format("frame %" PRId64 " ", frame.timestamp_ns) + name + format(" %016" PRIx64, result_hash(result)) + "\n";
+  if (events_bytes_ + pending_.size() + line.size() + kEndBytes > max_events_)
+    return give_up("events.txt is as long as replay takes it");
   const std::string head = format("P5\n%d %d\n255\n", frame.width, frame.height);
   const auto width = static_cast<size_t>(frame.width);
   packed_.resize(width * static_cast<size_t>(frame.height));
@@ -171,17 +213,21 @@ void LiveRecording::note_frame(const Frame& frame, const TrackResult& result) {
   }
   write_file(folder_ / name, std::as_bytes(std::span(head)), packed_);
   if (!trouble_.empty()) return;
-  note(format("frame %" PRId64 " ", frame.timestamp_ns) + name + format(" %016" PRIx64, result_hash(result)));
   append(list_fd_, stamp + " " + name + "\n", folder_ / "rgb.txt");
   if (!trouble_.empty()) return;
+  pending_ += line;
   append(events_fd_, pending_, folder_ / kEventsName);
+  events_bytes_ += pending_.size();
   pending_.clear();
+  slices_before_frame_ = 0;
   if (trouble_.empty()) ++frames_;
 }
 
 void LiveRecording::finish(uint64_t map_hash) {
   if (!trouble_.empty()) return;
-  note(format("end %016" PRIx64, map_hash));
+  flush_slices();
+  pending_ += format("end %016" PRIx64 "\n", map_hash);
+  if (events_bytes_ + pending_.size() > max_events_) return give_up("events.txt is as long as replay takes it");
   append(events_fd_, pending_, folder_ / kEventsName);
   pending_.clear();
 }
@@ -222,6 +268,8 @@ Status NotedSystem::load_map(std::span<const std::byte> file) {
 // ---- Reading -----------------------------------------------------------------------------------------------------
 
 namespace {
+
+constexpr double kMaxRate = 10'000;  // frames a second
 
 // The words of a line, each read as what it must be.
 class Words {
@@ -298,6 +346,7 @@ void read_camera(Words& words, const LineError& fail, CameraInfo* info) {
   info->shutter.line_time_s = words.single();
   info->exposure_s = words.single();
   info->frames_per_s = words.real();
+  if (!(info->frames_per_s >= 0 && info->frames_per_s <= kMaxRate)) fail("the rate is not one of frames a second");
   const Status status = m.validate();
   if (!status.ok()) fail(std::string("the camera cannot be used: ") + status.message());
   m.prepare();
@@ -320,7 +369,7 @@ bool read_event(const std::string& what, Words& words, LiveScript::Event* event)
   using Kind = LiveScript::Kind;
   if (what == "slices") {
     event->kind = Kind::kSlices;
-    event->slices = static_cast<int>(words.integer(1, kMaxSlices));
+    event->slices = static_cast<int>(words.integer(1, LiveRecording::kMaxSlices));
   } else if (what == "tap") {
     event->kind = Kind::kTap;
   } else if (what == "reset") {
@@ -348,18 +397,51 @@ bool read_event(const std::string& what, Words& words, LiveScript::Event* event)
   return true;
 }
 
+// Lines are short and events are not: neither may a list of them take all memory, nor one frame take for ever.
+class EventList {
+ public:
+  EventList(std::vector<LiveScript::Event>* events, LineError fail) : events_(*events), fail_(std::move(fail)) {}
+
+  void add(const LiveScript::Event& event) {
+    using Kind = LiveScript::Kind;
+    if (event.kind == Kind::kSlices) {
+      slices_ += event.slices;
+      if (slices_ > LiveRecording::kMaxSlices) fail_("too many slices before one frame");
+      if (!events_.empty() && events_.back().kind == Kind::kSlices) {
+        events_.back().slices += event.slices;
+        return;
+      }
+    } else if (event.kind == Kind::kFrame) {
+      slices_ = 0;
+    } else if (++calls_ > LiveRecording::kMaxCalls) {
+      fail_(format("more than %d calls", LiveRecording::kMaxCalls));
+    }
+    events_.push_back(event);
+  }
+
+ private:
+  std::vector<LiveScript::Event>& events_;
+  LineError fail_;
+  int64_t slices_ = 0;  // since the last frame
+  int calls_ = 0;
+};
+
 }  // namespace
 
 bool is_live_recording(const fs::path& folder) {
+  const fs::path file = folder / LiveRecording::kEventsName;
   std::error_code ignored;
-  return fs::is_regular_file(folder / LiveRecording::kEventsName, ignored);
+  if (!fs::is_regular_file(file, ignored)) return false;
+  std::ifstream stream(file, std::ios::binary);  // others, too, call a file so
+  std::string head(std::strlen(kHeadOfAnyVersion), '\0');
+  return stream.read(head.data(), static_cast<std::streamsize>(head.size())) && head == kHeadOfAnyVersion;
 }
 
 LiveScript read_live_recording(const fs::path& folder) {
   LiveScript script;
   script.folder = folder;
   const fs::path file = folder / LiveRecording::kEventsName;
-  const std::vector<std::byte> bytes = read_file(file, kMaxEvents);
+  const std::vector<std::byte> bytes = read_file(file, LiveRecording::kMaxEvents);
   std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
   int number_of_line = 0;
   const LineError fail = [&](const std::string& what) {
@@ -367,6 +449,7 @@ LiveScript read_live_recording(const fs::path& folder) {
   };
   bool camera = false, settings = false;
   int frames = 0;
+  EventList events(&script.events, fail);
   for (size_t end = text.find('\n'); end != std::string_view::npos; end = text.find('\n')) {
     ++number_of_line;
     const std::string_view line = text.substr(0, end);
@@ -394,7 +477,7 @@ LiveScript read_live_recording(const fs::path& folder) {
     } else if (!camera || !settings) {
       fail("camera and settings come first");
     } else if (read_event(what, words, &event)) {
-      script.events.push_back(event);
+      events.add(event);
       if (event.kind == LiveScript::Kind::kFrame) ++frames;
     } else {
       fail("'" + what + "' is unknown: a later version's recording?");
@@ -471,9 +554,14 @@ RunLog repeat_live_recording(const LiveScript& script, const RunOptions& options
       const Frame frame = {image.px.data(), image.width,        image.height,
                            image.width,     PixelFormat::kGrey, event.timestamp_ns};
       const TrackResult result = system.track(frame);
+      if (!result.status.ok()) {  // such as an image of another size
+        log.broken = (script.folder / event.file).string() + " was refused: " + result.status.message();
+        break;
+      }
       if (log.differs.empty() && result_hash(result) != event.result) {
         log.differs =
-            format("frame %d, %s, has other bits than in the live run", log.source_frames, event.file.c_str());
+            format("frame %d, %s, has other bits than in the live run: was it changed, or recorded by another version?",
+                   log.source_frames, event.file.c_str());
       }
       FrameLog entry = log_of(result);
       entry.index = log.source_frames++;
@@ -493,7 +581,7 @@ RunLog repeat_live_recording(const LiveScript& script, const RunOptions& options
   if (interrupted()) log.broken = log.camera.name + ": " + interruption();
   take_map(system, settings, &log);
   if (log.broken.empty() && script.map_hash && *script.map_hash != log.map_hash && log.differs.empty())
-    log.differs = "the map has other bits than that of the live run";
+    log.differs = "the map has other bits than that of the live run: was it recorded by another version?";
   return log;
 }
 

@@ -37,24 +37,33 @@ class LiveRecording {
 
   // Throws InputError unless the folder is new or empty; changes nothing.
   static void check(const std::filesystem::path& folder);
-  // Checks likewise. files: null for the system's own.
+  // What a list of events may be, so that it can be read again.
+  static constexpr size_t kMaxEvents = size_t{256} << 20;  // bytes: a day at 30 frames/s has 200 MB
+  static constexpr int kMaxCalls = 100'000;                // taps and the like: more than anybody's keys
+  static constexpr int kMaxSlices = 10'000'000;            // before one frame; a map that rests takes thousands
+
+  // Checks likewise; what was made is removed where it throws. files: null for the system's own.
   LiveRecording(const std::filesystem::path& folder, const CameraInfo& camera, const RunOptions& options,
-                FileOperations* files = nullptr);
+                FileOperations* files = nullptr, size_t max_events = kMaxEvents);
   ~LiveRecording();
   LiveRecording(const LiveRecording&) = delete;
   LiveRecording& operator=(const LiveRecording&) = delete;
 
   // What cannot be written ends the recording, not the run: trouble() says why, and all that follows is left out.
-  void note_slice() { ++slices_; }
+  void note_slice();
   void note(const std::string& call);
   void note_load(std::span<const std::byte> map);
   void note_frame(const Frame& frame, const TrackResult& result);
   void finish(uint64_t map_hash);
+  // Before the first frame: removes what was made.
+  void discard() noexcept;
 
   int frames() const { return frames_; }
   const std::string& trouble() const { return trouble_; }
 
  private:
+  void make(const CameraInfo& camera, const RunOptions& options);
+  void close_files() noexcept;
   void flush_slices();
   void write_file(const std::filesystem::path& file, std::span<const std::byte> head, std::span<const std::byte> body);
   void append(int fd, const std::string& text, const std::filesystem::path& file);
@@ -65,7 +74,12 @@ class LiveRecording {
   FileOperations& files_;
   int events_fd_ = -1;
   int list_fd_ = -1;
-  int slices_ = 0;
+  size_t max_events_;
+  size_t events_bytes_ = 0;                  // written
+  std::vector<std::filesystem::path> made_;  // for discard()
+  int slices_ = 0;                           // not in pending_ yet
+  int slices_before_frame_ = 0;
+  int calls_ = 0;
   int maps_ = 0;
   int frames_ = 0;
   std::string pending_;  // lines since the last frame

@@ -12,6 +12,7 @@
 #include <cerrno>
 #include <cinttypes>
 #include <cstring>
+#include <filesystem>
 #include <utility>
 
 #include "platform/camera/dump_sequence.h"
@@ -61,6 +62,10 @@ void PoseLines::check_file(const std::string& path) {
   struct stat info = {};
   if (::stat(path.c_str(), &info) == 0 && !S_ISFIFO(info.st_mode))
     throw InputError("--to " + path + ": exists; name a new file, or a named pipe (mkfifo)");
+  const std::filesystem::path folder = std::filesystem::path(path).parent_path();
+  std::error_code ignored;
+  if (!folder.empty() && !std::filesystem::is_directory(folder, ignored))
+    throw InputError("--to " + path + ": there is no folder " + folder.string() + ", make it first");
 }
 
 std::unique_ptr<PoseLines> PoseLines::to_file(PoseFormat format, const std::string& path) {
@@ -103,7 +108,15 @@ bool PoseLines::write(const std::string& line) {
     if (::send(fd_, line.data(), line.size(), MSG_DONTWAIT | MSG_NOSIGNAL) < 0) ++left_out_;
     return true;
   }
-  if (kind_ == Kind::kPipe && fd_ < 0) fd_ = ::open(path_.c_str(), O_WRONLY | O_NONBLOCK | O_CLOEXEC);
+  if (kind_ == Kind::kPipe && fd_ < 0) {
+    fd_ = ::open(path_.c_str(), O_WRONLY | O_NONBLOCK | O_CLOEXEC);
+    struct stat info = {};
+    if (fd_ >= 0 && (::fstat(fd_, &info) != 0 || !S_ISFIFO(info.st_mode))) {  // somebody's file is there now
+      ::close(std::exchange(fd_, -1));
+      trouble_ = "--to " + path_ + ": is no named pipe any more";
+      return false;
+    }
+  }
   pollfd writable = {fd_, POLLOUT, 0};
   if (fd_ < 0 || ::poll(&writable, 1, 0) < 1) {
     ++left_out_;

@@ -69,6 +69,7 @@ class HastyCamera : public Camera {
       status_.trouble = "hasty: pulled out";
       return CameraEvent::kUnplugged;
     }
+    if (gone_ > 0 && stays_away) return CameraEvent::kTimeout;
     if (gone_ > 0) return --gone_ == 0 ? CameraEvent::kReplugged : CameraEvent::kTimeout;
     if (random_() % 25 != 0) return CameraEvent::kTimeout;
     *frame = recording_.frame(next_++);
@@ -79,6 +80,7 @@ class HastyCamera : public Camera {
 
   int next() const { return next_; }
   int pull_out_before = -1;
+  bool stays_away = false;
 
  private:
   const test::Recording& recording_;
@@ -308,7 +310,9 @@ TEST_F(Live, AListOfEventsThatIsWrongIsRefused) {
        {"frame 1 ../../etc/passwd 0123456789abcdef", "frame 1 rgb/../x.pgm 0123456789abcdef", "frame 1 rgb/1.0.pgm 0",
         "frame x rgb/1.0.pgm 0123456789abcdef", "slices -1", "slices 99999999999", "jump", "tap tap",
         "load /etc/passwd", "length 1 2", "settings 2 0 1 -1 -1", "camera 0 0",
-        "camera 240 320 1 1 1 1 none 0 0 0 0 0 rows nan 0 15", ""}) {
+        "camera 240 320 1 1 1 1 none 0 0 0 0 0 rows nan 0 15", "camera 240 320 1 1 1 1 none 0 0 0 0 0 rows 0 0 nan",
+        "camera 240 320 1 1 1 1 none 0 0 0 0 0 rows 0 0 inf", "camera 240 320 1 1 1 1 none 0 0 0 0 0 rows 0 0 1e300",
+        "slices 9000000\ntap\nslices 9000000", ""}) {
     write(folder / "events.txt", head + line + "\n");
     const std::string message = message_of([&] { repeat(folder); });
     EXPECT_TRUE(holds(message, "events.txt")) << line << ": " << message;
@@ -316,6 +320,125 @@ TEST_F(Live, AListOfEventsThatIsWrongIsRefused) {
   write(folder / "events.txt", "something else\n");
   EXPECT_TRUE(holds(message_of([&] { read_live_recording(folder); }), "events.txt:1"));
   EXPECT_TRUE(holds(message_of([&] { LiveRecording(folder, desk().info, {}); }), "not an empty folder"));
+}
+
+TEST_F(Live, ListsThatWouldTakeAllMemoryAreRefused) {
+  const fs::path folder = at("recording");
+  live(folder, 9, {{2, LiveKey::kTap}});
+  const std::string events = read(folder / "events.txt");
+  const size_t frame = events.find("\nframe") + 1;
+  const auto with = [&](const std::string& line, int times) {
+    std::string many = events.substr(0, frame);
+    for (int i = 0; i < times; ++i) many += line;
+    write(folder / "events.txt", many + events.substr(frame));
+    return message_of([&] { read_live_recording(folder); });
+  };
+  EXPECT_EQ(with("tap\n", LiveRecording::kMaxCalls - 1), "");  // and the one that is there
+  EXPECT_TRUE(holds(with("tap\n", LiveRecording::kMaxCalls), "calls"));
+  EXPECT_EQ(with("slices 1\n", 1'000'000), "");
+  EXPECT_LT(read_live_recording(folder).events.size(), 1000u);
+  EXPECT_TRUE(holds(with("slices 5000001\n", 2), "too many slices"));
+}
+
+// Its image is smaller than the camera's: nothing may read beyond it.
+TEST_F(Live, AnImageOfAnotherSizeEndsTheRepetition) {
+  const fs::path folder = at("recording");
+  live(folder, 10, {});
+  write(folder / "rgb" / (timestamp_name_of(30) + ".pgm"), "P5\n64 64\n255\n" + std::string(64 * 64, 'x'));
+  int seen = 0;
+  const RunLog log = repeat_live_recording(
+      read_live_recording(folder), {}, [](const CameraInfo&) {},
+      [&](const Frame& frame, const TrackResult&, const RunLog&) {
+        EXPECT_EQ(frame.width, desk().info.model.width);
+        ++seen;
+      });
+  EXPECT_EQ(seen, 30);
+  EXPECT_EQ(log.frames.size(), 30u);
+  EXPECT_TRUE(holds(log.broken, timestamp_name_of(30)) && holds(log.broken, "was refused")) << log.broken;
+}
+
+TEST_F(Live, ARecordingEndsBeforeItIsTooLongToBeRead) {
+  Session session = make_session(desk().info, {});
+  {
+    LiveRecording recording(at("bytes"), desk().info, {}, nullptr, 1500);
+    NotedSystem system(*session.system, &recording);
+    for (int i = 0; i < 30; ++i) {
+      const Frame frame = desk().frame(i);
+      system.note_frame(frame, system.track(frame));
+    }
+    recording.finish(0);
+    EXPECT_TRUE(holds(recording.trouble(), "as long as replay takes it")) << recording.trouble();
+    EXPECT_GT(recording.frames(), 5);
+    EXPECT_LT(recording.frames(), 30);
+    EXPECT_LE(fs::file_size(at("bytes/events.txt")), 1500u);
+    EXPECT_EQ(static_cast<int>(repeat(at("bytes")).frames.size()), recording.frames());
+  }
+  LiveRecording recording(at("calls"), desk().info, {});
+  const TrackResult result;
+  recording.note_frame(desk().frame(0), result);
+  for (int i = 0; i <= LiveRecording::kMaxCalls; ++i) recording.note("tap");
+  EXPECT_TRUE(holds(recording.trouble(), "keys")) << recording.trouble();
+  recording.note_frame(desk().frame(1), result);
+  EXPECT_EQ(recording.frames(), 1);
+  EXPECT_EQ(read_live_recording(at("calls")).camera.frame_count, 1);
+}
+
+TEST_F(Live, SomebodyElsesEventsAreNoLiveRecording) {
+  live(at("recording"), 11, {});
+  EXPECT_TRUE(is_live_recording(at("recording")));
+  fs::create_directory(at("theirs"));
+  EXPECT_FALSE(is_live_recording(at("theirs")));
+  write(at("theirs/events.txt"), "");
+  EXPECT_FALSE(is_live_recording(at("theirs")));
+  write(at("theirs/events.txt"), "0.001 12 34 1\n0.002 12 35 0\n0.003 12 36 0\n");
+  EXPECT_FALSE(is_live_recording(at("theirs")));
+  write(at("theirs/events.txt"), "pocket-ptam live recording 2\n");  // a later version's, which is told
+  EXPECT_TRUE(is_live_recording(at("theirs")));
+}
+
+// A disk that is full at once, a map of another camera, and poses that cannot be written: nothing is left of it.
+TEST_F(Live, AStartThatFailsLeavesNoRecording) {
+  FullDisk disk(10);
+  EXPECT_TRUE(holds(message_of([&] { LiveRecording(at("full"), desk().info, {}, &disk); }), "No space left"));
+  EXPECT_FALSE(fs::exists(at("full")));
+  fs::create_directory(at("there"));
+  EXPECT_NE(message_of([&] { LiveRecording(at("there"), desk().info, {}, &disk); }), "");
+  EXPECT_TRUE(fs::is_empty(at("there")));
+
+  LiveOptions options;
+  options.record = at("record").string();
+  LiveObserver observer;
+  observer.on_start = [](const CameraInfo&) { throw InputError("no place for poses"); };
+  HastyCamera camera(desk(), 12);
+  EXPECT_EQ(message_of([&] { run_live(camera, options, observer); }), "no place for poses");
+  EXPECT_FALSE(fs::exists(at("record")));
+
+  const Lived lived = live("", 12, {{2, LiveKey::kTap}, {desk().size() - 1, LiveKey::kSave}});
+  ASSERT_FALSE(lived.map.empty());
+  write(at("desk.map"), {reinterpret_cast<const char*>(lived.map.data()), lived.map.size()});
+  test::Recording other = test::part_of(desk(), 0, 5);
+  other.info.model.fx *= 1.5f;
+  other.info.model.prepare();
+  HastyCamera another(other, 12);
+  options.run.load_map = at("desk.map").string();
+  observer.on_start = [](const CameraInfo&) {};
+  EXPECT_TRUE(holds(message_of([&] { run_live(another, options, observer); }), "desk.map"));
+  EXPECT_FALSE(fs::exists(at("record")));
+}
+
+TEST_F(Live, ADurationEndsItWhileTheCameraIsGone) {
+  HastyCamera camera(desk(), 13);
+  camera.pull_out_before = 5;
+  camera.stays_away = true;
+  LiveOptions options;
+  options.duration_s = 0.5;
+  LiveObserver observer;
+  observer.on_start = [](const CameraInfo&) {};
+  const int64_t from_ns = SteadyClock().now_ns();
+  const LiveResult result = run_live(camera, options, observer);
+  EXPECT_TRUE(result.status.camera_gone);
+  EXPECT_EQ(result.status.frames, 5);
+  EXPECT_GE(SteadyClock().now_ns() - from_ns, 500'000'000);
 }
 
 TEST_F(Live, ACameraThatIsPulledOutIsWaitedFor) {
@@ -412,6 +535,11 @@ TEST_F(Live, AReaderMayBeSlowLateOrGone) {
     EXPECT_TRUE(lines->add(a_pose(), 0));  // gone again
   }
   EXPECT_EQ(lines->left_out(), 3);
+  fs::remove(at("pipe"));  // while nobody reads, somebody's file comes there
+  write(at("pipe"), "mine");
+  EXPECT_FALSE(lines->add(a_pose(), 0));
+  EXPECT_TRUE(holds(lines->trouble(), "no named pipe"));
+  EXPECT_EQ(read(at("pipe")), "mine");
 }
 
 // ---- The program -------------------------------------------------------------------------------------------------
@@ -472,6 +600,14 @@ TEST_F(Live, SaysWhatIsMissing) {
   EXPECT_TRUE(holds(said("live --camera sim:desk --fov 60", 2), "knows its lens"));
   EXPECT_TRUE(holds(said("live --camera sim:nowhere", 2), "scene 'nowhere' is unknown"));
   EXPECT_TRUE(holds(said("live --camera sim:desk --udp 5005 --to x", 2), "choose one"));
+  EXPECT_TRUE(holds(said("live --camera sim:desk --to nowhere/x --record r", 2), "there is no folder nowhere"));
+  EXPECT_TRUE(holds(said("live --camera sim:desk --to x --save-map ./x", 2), "is where --to writes"));
+  for (const char* map : {"r", "./r/", "r/events.txt"})
+    EXPECT_TRUE(holds(said(std::string("live --camera sim:desk --record r --save-map ") + map, 2), "--record")) << map;
+  EXPECT_FALSE(fs::exists(at("r")) || fs::exists(at("x")));
+  // Ended before there is a map: that is no failure.
+  EXPECT_TRUE(holds(said("live --camera sim:desk --duration 0.1 --save-map early.map", 0), "nothing is saved"));
+  EXPECT_FALSE(fs::exists(at("early.map")));
   write(at("mine.txt"), "mine");
   EXPECT_TRUE(holds(said("live --camera sim:desk --to mine.txt", 2), "exists"));
   EXPECT_TRUE(holds(said("live --camera sim:desk --save-map mine.txt", 2), "mine.txt"));

@@ -7,9 +7,12 @@
 #include <string>
 #include <vector>
 
+#include "platform/camera/calibration.h"
 #include "platform/camera/device_camera.h"
 #include "platform/camera/v4l2_device.h"
+#include "platform/files.h"
 #include "tests/support/fake_v4l2.h"
+#include "tests/support/scratch_folder.h"
 
 namespace pptam::platform {
 namespace {
@@ -194,24 +197,91 @@ TEST_F(V4l2, LocksWhatCanBeLockedAndSaysIt) {
   EXPECT_EQ(driver_.controls, before);  // as they were found
 }
 
+// What the light and the user say comes before the device's own control finds the rest.
+TEST_F(V4l2, SettlesUnderTheFilterAndTheExposureGiven) {
+  driver_.controls = {{V4L2_CID_EXPOSURE_AUTO, V4L2_EXPOSURE_APERTURE_PRIORITY},
+                      {V4L2_CID_EXPOSURE_ABSOLUTE, 123},
+                      {V4L2_CID_AUTOGAIN, 1},
+                      {V4L2_CID_GAIN, 9},
+                      {V4L2_CID_POWER_LINE_FREQUENCY, 0}};
+  options_.sensor.mains_hz = 60;
+  options_.sensor.exposure_s = 0.02;
+  const auto before = driver_.controls;
+  const auto camera = open();
+  for (int run = 0; run < 2; ++run) {  // a second one likewise
+    SCOPED_TRACE(run);
+    driver_.pictures.clear();
+    start(*camera);
+    EXPECT_EQ(driver_.controls[V4L2_CID_POWER_LINE_FREQUENCY], V4L2_CID_POWER_LINE_FREQUENCY_60HZ);
+    EXPECT_EQ(driver_.controls[V4L2_CID_EXPOSURE_ABSOLUTE], 200);
+    EXPECT_EQ(driver_.controls[V4L2_CID_AUTOGAIN], 1);
+    driver_.controls[V4L2_CID_GAIN] = 31 + run;  // what it finds
+    const int64_t from_ns = driver_.time_ns;
+    for (int i = 0; i < 40; ++i) add(33);
+    ASSERT_EQ(wait(*camera, 3000), CameraEvent::kFrame);
+    EXPECT_GE(driver_.time_ns, from_ns + 700 * kMs);
+    EXPECT_EQ(driver_.controls[V4L2_CID_AUTOGAIN], 0);
+    EXPECT_EQ(driver_.controls[V4L2_CID_GAIN], 31 + run);
+    EXPECT_EQ(driver_.controls[V4L2_CID_EXPOSURE_ABSOLUTE], 200);
+    camera->stop();
+    driver_.controls[V4L2_CID_GAIN] = 9;
+    EXPECT_EQ(driver_.controls, before);
+  }
+}
+
+// A readout of 24 ms for the 360 lines of the device.
+TEST_F(V4l2, AReadoutCalibratedInTheMiddleIsThatOfTheWholeImage) {
+  driver_.sizes = {{V4L2_PIX_FMT_GREY, 640, 360, {30}}};
+  const test::ScratchFolder scratch;
+  Calibration middle = guess_calibration(240, 360, 40);  // upright: all lines, less of the columns
+  middle.shutter.line_time_s = 0.024f / 360;
+  options_.fov_degrees = 0;
+  options_.width = 160;
+  options_.height = 240;
+  options_.calibration = scratch / "camera.yaml";
+  write_text_atomically(options_.calibration, calibration_yaml(middle));
+  EXPECT_NEAR(open()->info().shutter.line_time_s, 0.024f / 240, 1e-9f);
+  // All columns, and 240 of the lines, which take two thirds of it.
+  middle = guess_calibration(640, 240, 60);
+  middle.shutter.line_time_s = 0.016f / 240;
+  options_.width = 320;
+  options_.height = 120;
+  write_text_atomically(options_.calibration, calibration_yaml(middle));
+  const auto camera = open();
+  EXPECT_NEAR(camera->info().shutter.line_time_s, 0.016f / 120, 1e-9f);
+  start(*camera);
+  driver_.pictures.back().flags = V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC | V4L2_BUF_FLAG_TSTAMP_SRC_EOF;
+  add(33);
+  driver_.pictures.back().flags = V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC | V4L2_BUF_FLAG_TSTAMP_SRC_EOF;
+  const int64_t stamp_ns = driver_.pictures.back().stamp_ns;
+  ASSERT_EQ(wait(*camera), CameraEvent::kFrame);
+  EXPECT_EQ(frame_.timestamp_ns, stamp_ns - 12 * kMs);  // half of 24 ms before the end
+}
+
 // The image's centre, in the middle of its exposure: 10 ms of exposure and 20 ms of readout.
 TEST_F(V4l2, TimesAreThoseOfMidExposure) {
   options_.sensor.exposure_s = 0.010;
   options_.readout_s = -0.020;
   const struct {
+    const char* driver;
     uint32_t flags;
-    int64_t from_stamp_ms, arrived_ms;
+    int64_t seen_ms, from_stamp_ms, arrived_ms;  // after the stamp
     const char* clock;
   } cases[] = {
-      {V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC | V4L2_BUF_FLAG_TSTAMP_SRC_SOE, 15, 30, "start of exposure"},
-      {V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC | V4L2_BUF_FLAG_TSTAMP_SRC_EOF, -15, 0, "end of frame"},
-      {V4L2_BUF_FLAG_TIMESTAMP_COPY, 25 - 15, 25, "when a frame is seen"},  // it is there 25 ms after its stamp
+      {"fake", V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC | V4L2_BUF_FLAG_TSTAMP_SRC_SOE, 40, 15, 30, "start of exposure"},
+      {"fake", V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC | V4L2_BUF_FLAG_TSTAMP_SRC_EOF, 40, -15, 0, "end of frame"},
+      {"fake", V4L2_BUF_FLAG_TIMESTAMP_COPY, 25, 25 - 15, 25, "when a frame is seen"},
+      {"uvcvideo", V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC | V4L2_BUF_FLAG_TSTAMP_SRC_SOE, 40, 5, 20, "first packet"},
+      // What was said of its readout cannot be: it is not later than it is seen.
+      {"uvcvideo", V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC | V4L2_BUF_FLAG_TSTAMP_SRC_SOE, 12, 5, 12, "first packet"},
   };
   for (const auto& expected : cases) {
+    driver_.driver = expected.driver;
     const auto camera = open();
     start(*camera);
     driver_.pictures.back().flags = expected.flags;
     const int64_t stamp_ns = driver_.pictures.back().stamp_ns;
+    driver_.pictures.back().at_ns = stamp_ns + expected.seen_ms * kMs;
     ASSERT_EQ(wait(*camera), CameraEvent::kFrame);
     EXPECT_EQ(frame_.timestamp_ns, stamp_ns + expected.from_stamp_ms * kMs) << expected.clock;
     EXPECT_EQ(camera->status().arrived_ns, stamp_ns + expected.arrived_ms * kMs) << expected.clock;
@@ -317,6 +387,101 @@ TEST_F(V4l2, ReplugsByItselfUnderAnotherName) {
   EXPECT_LE(driver_.time_ns - from_ns, 2000 * kMs);
   EXPECT_EQ(driver_.controls[V4L2_CID_EXPOSURE_ABSOLUTE], 200);  // 20 ms, as before
   EXPECT_EQ(camera->status().unplugged, 1);
+}
+
+TEST_F(V4l2, ReplugsInAnotherSocketUnlessItMayBeAnother) {
+  driver_.twins = {{"/dev/video7", "usb-7"}};  // is there all the time: it is not taken for the one that has gone
+  const auto camera = open();
+  start(*camera);
+  add(33);
+  ASSERT_EQ(wait(*camera), CameraEvent::kFrame);
+  driver_.unplug();
+  EXPECT_EQ(wait(*camera), CameraEvent::kUnplugged);
+  for (int i = 0; i < 20; ++i) EXPECT_EQ(wait(*camera, 100), CameraEvent::kTimeout);
+  EXPECT_EQ(driver_.twin_calls, 0);
+  driver_.plugged = true;
+  driver_.path = "/dev/video3";
+  driver_.bus = "usb-2.2";
+  driver_.twins["/dev/video8"] = "usb-8";  // and one more comes: which of them it is nobody knows
+  next_ns_ = driver_.time_ns;
+  for (int i = 0; i < 300; ++i) add(33);
+  for (int i = 0; i < 20; ++i) EXPECT_EQ(wait(*camera, 100), CameraEvent::kTimeout);
+  EXPECT_FALSE(driver_.streaming);
+  driver_.twins.erase("/dev/video8");
+  CameraEvent event = CameraEvent::kTimeout;
+  for (int i = 0; i < 20 && event == CameraEvent::kTimeout; ++i) event = wait(*camera, 100);
+  EXPECT_EQ(event, CameraEvent::kReplugged);
+  EXPECT_EQ(wait(*camera), CameraEvent::kFrame);
+}
+
+// Its images would be read beyond their end.
+TEST_F(V4l2, AnotherSizeAfterAReplugIsNotTaken) {
+  const std::vector<FakeV4l2::Size> sizes = driver_.sizes;
+  options_.request.width = 640;
+  options_.request.height = 480;
+  const auto camera = open();
+  start(*camera);
+  add(33);
+  ASSERT_EQ(wait(*camera), CameraEvent::kFrame);
+  driver_.unplug();
+  EXPECT_EQ(wait(*camera), CameraEvent::kUnplugged);
+  driver_.plugged = true;
+  driver_.sizes.resize(1);  // 320x240
+  next_ns_ = driver_.time_ns;
+  for (int i = 0; i < 300; ++i) add(33);
+  for (int i = 0; i < 40; ++i) EXPECT_EQ(wait(*camera, 100), CameraEvent::kTimeout) << i;
+  driver_.sizes = sizes;
+  driver_.pictures.clear();
+  driver_.now = {};
+  driver_.now.bytesperline = 1280;
+  driver_.now.height = 480;
+  next_ns_ = driver_.time_ns + 300 * kMs;
+  for (int i = 0; i < 100; ++i) add(33);
+  CameraEvent event = CameraEvent::kTimeout;
+  for (int i = 0; i < 40 && event == CameraEvent::kTimeout; ++i) event = wait(*camera, 100);
+  EXPECT_EQ(event, CameraEvent::kReplugged);
+  EXPECT_EQ(wait(*camera), CameraEvent::kFrame);
+}
+
+// A device that delivers another size than it was configured for.
+TEST(DeviceCamera, FramesOfAnotherSizeAreBroken) {
+  class Shrinks : public CameraDevice {
+   public:
+    CameraDescription describe() override { return {"shrinks", "", "", {{"GREY", 640, 480, {30}}}}; }
+    Configuration configure(const CameraRequest&) override { return {{}, {"GREY", 640, 480, {30}}, ""}; }
+    void prepare(const SensorRequest&) override {}
+    void start() override {}
+    void stop() noexcept override {}
+    Wake wait(int64_t deadline_ns) override {
+      time_ns_ = deadline_ns;
+      return Wake::kDeadline;
+    }
+    bool take(DeviceFrame* frame) override {
+      if (taken_++ > 0) return false;
+      *frame = {pixels_.data(), pixels_.size(), 320, 240, 320, PixelLayout::kGrey, 1, Stamp::kEndOfFrame};
+      frame->buffer = 0;
+      return true;
+    }
+    void give_back(int) override {}
+    bool find_again() override { return false; }
+    std::vector<std::string> lock(const SensorRequest&) override { return {}; }
+    bool can_lock() const override { return false; }
+    double exposure_s() const override { return 0; }
+    std::string clock() const override { return ""; }
+    int64_t now_ns() const override { return time_ns_; }
+
+   private:
+    std::vector<uint8_t> pixels_ = std::vector<uint8_t>(320 * 240);
+    int taken_ = 0;
+    int64_t time_ns_ = 1'000'000'000;
+  };
+  DeviceOptions options;
+  options.fov_degrees = 60;
+  const auto camera = make_device_camera(std::make_unique<Shrinks>(), options, nullptr);
+  camera->start();
+  Frame frame;
+  EXPECT_EQ(camera->wait(&frame, 10'000'000'000), CameraEvent::kUnplugged);
+  EXPECT_TRUE(holds(camera->status().trouble, "its images are 320x240 now")) << camera->status().trouble;
 }
 
 // Each call of the driver fails once, while opening and while streaming: an error or a later frame, never a hang.

@@ -32,6 +32,9 @@ class FakeV4l2 : public platform::V4l2Calls {
 
   std::string path = "/dev/video0";
   std::string card = "Made-up camera";
+  std::string driver = "fake";
+  std::string bus = "usb-1.4";
+  std::map<std::string, std::string> twins;  // by their paths where others of its name are, which cannot do more
   uint32_t capabilities = V4L2_CAP_VIDEO_CAPTURE | V4L2_CAP_STREAMING;
   std::vector<Size> sizes = {{V4L2_PIX_FMT_YUYV, 320, 240, {30, 15}}, {V4L2_PIX_FMT_YUYV, 640, 480, {30}}};
   std::function<void(v4l2_pix_format*)> on_format = [](v4l2_pix_format*) {};  // what the driver makes of it
@@ -46,21 +49,32 @@ class FakeV4l2 : public platform::V4l2Calls {
   int opened = 0;  // now
   int mapped = 0;  // now
   int calls = 0;
+  int twin_calls = 0;  // but for its name
   bool streaming = false;
   std::vector<bool> queued;
   v4l2_pix_format now = {};
   v4l2_fract interval = {1, 30};
 
-  std::vector<std::string> nodes() override { return plugged ? std::vector{path} : std::vector<std::string>{}; }
+  std::vector<std::string> nodes() override {
+    std::vector<std::string> all;
+    if (plugged) all.push_back(path);
+    for (const auto& twin : twins) all.push_back(twin.first);
+    return all;
+  }
   int open(const char* name) override {
+    if (const auto twin = twins.find(name); twin != twins.end()) {
+      ++opened;
+      twin_bus_ = twin->second;
+      return kTwin;
+    }
     if (!plugged || path != name) return fail(ENOENT);
     alive_ = true;
     ++opened;
     return 7;
   }
-  int close(int /*fd*/) override {
+  int close(int fd) override {
     --opened;
-    streaming = false;
+    if (fd != kTwin) streaming = false;
     return 0;
   }
   // Pulled out: what is open is dead, even when it is plugged in again.
@@ -90,13 +104,18 @@ class FakeV4l2 : public platform::V4l2Calls {
   }
   int64_t now_ns() override { return time_ns; }
 
-  int ioctl(int /*fd*/, unsigned long request, void* argument) override {
+  int ioctl(int fd, unsigned long request, void* argument) override {
     ++calls;
+    if (fd == kTwin) {
+      if (request == VIDIOC_QUERYCAP) return query(static_cast<v4l2_capability*>(argument), twin_bus_);
+      ++twin_calls;
+      return fail(EIO);
+    }
     if (!alive_) return fail(ENODEV);
     if (const auto error = fails.find(request); error != fails.end()) return fail(error->second);
     switch (request) {
       case VIDIOC_QUERYCAP:
-        return query(static_cast<v4l2_capability*>(argument));
+        return query(static_cast<v4l2_capability*>(argument), bus);
       case VIDIOC_ENUM_FMT:
         return enumerate(static_cast<v4l2_fmtdesc*>(argument));
       case VIDIOC_ENUM_FRAMESIZES:
@@ -140,6 +159,8 @@ class FakeV4l2 : public platform::V4l2Calls {
   }
 
  private:
+  static constexpr int kTwin = 8;  // one of them is open at a time
+
   static int fail(int error) {
     errno = error;
     return -1;
@@ -148,10 +169,10 @@ class FakeV4l2 : public platform::V4l2Calls {
   static void copy(uint8_t (&field)[N], const std::string& text) {
     std::memcpy(field, text.data(), std::min(N - 1, text.size()));
   }
-  int query(v4l2_capability* answer) const {
-    copy(answer->driver, "fake");
+  int query(v4l2_capability* answer, const std::string& where) const {
+    copy(answer->driver, driver);
     copy(answer->card, card);
-    copy(answer->bus_info, "usb-1.4");
+    copy(answer->bus_info, where);
     answer->capabilities = capabilities;
     return 0;
   }
@@ -239,6 +260,7 @@ class FakeV4l2 : public platform::V4l2Calls {
   }
 
   bool alive_ = false;
+  std::string twin_bus_;
   std::map<int64_t, std::vector<uint8_t>> memory_;
 };
 
