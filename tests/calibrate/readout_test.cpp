@@ -26,7 +26,7 @@ struct ClipOptions {
   double speed = 1;
   double exposure_s = 0.008;
   uint64_t seed = 1;
-  int frames = 90;
+  int frames = 60;
   const char* lens = "barrel";
 };
 

@@ -105,18 +105,21 @@ track_at_leisure() {
 }
 
 check_frames() {
-  local sent tracked left_out poses leisure_poses
+  local sent tracked gaps left_out poses leisure_poses
   sent=$(cat "$out/camera.txt" "$out/camera_again.txt" | grep -c '^frame .*[0-9]$')  # the others are erroneous
   tracked=$(wc -l <"$out/numbers.txt")
+  gaps=$(awk -v pulled=$pulled_after 'last && (last <= pulled) == ($2 <= pulled) {sum += $2 - last - 1} {last = $2}
+    END {print sum + 0}' "$out/numbers.txt")
   left_out=$(awk '$1 == "frames" && $3 == "tracked" {sum = $10 + $15 + $17} END {print sum + 0}' "$out/live.txt")
   poses=$(wc -l <"$out/poses.txt") leisure_poses=$(grep -vc '^#' "$out/reference/trajectory.txt")
-  echo "$sent frames sent, $tracked tracked, $left_out said to be left out; $poses poses, at leisure $leisure_poses"
+  echo "$sent frames sent, $tracked tracked, $gaps missing between them, $left_out told; $poses poses, at leisure $leisure_poses"
   awk '$2 == "none" || $2 <= last {wrong = 1} {last = $2} END {exit wrong}' "$out/numbers.txt" ||
     fail "frames with other pixels, or out of order"
   awk -v pulled=$pulled_after '$2 > pulled && ($2 - pulled) % 30 == 0 {wrong = 1} END {exit wrong}' \
     "$out/numbers.txt" || fail "an erroneous frame was tracked"
-  # Pulled out twice, it may lose the frames in the driver's four buffers unseen.
-  ((tracked + left_out >= sent - 8)) || fail "of $sent frames only $tracked were tracked and $left_out said to be left out"
+  # Those before a start's first one, and in the driver's buffers when it is pulled out, are lost unseen.
+  ((gaps <= left_out)) || fail "$gaps frames are missing between tracked ones, of which only $left_out are told"
+  ((tracked >= sent / 2)) || fail "of $sent frames only $tracked were tracked; of a computer half as fast it was 162"
   ((poses >= leisure_poses / 2 && poses > 0)) || fail "$poses poses where the same frames at leisure give $leisure_poses"
   grep -q 'tracking at the end' "$out/live.txt" || fail "it does not track at the end"
 }
