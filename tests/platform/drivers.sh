@@ -63,16 +63,34 @@ write_guest_script() {
   cat >"$out/guest.sh" <<GUEST
 mkdir -p /dev/gadget
 mount -t gadgetfs gadgetfs /dev/gadget
-timeout 40 usb_camera --count $pulled_after sent.grey >/out/camera.txt 2>&1 &
-camera=\$!
-for i in \$(seq 100); do [ -e /dev/video0 ] && break; usleep 100000; done
+# plug LOG OPTION...: on a busy computer gadgetfs now and then leaves a request unanswered, and the host gives the camera
+# up after 5 s. Then it is pulled out and plugged in once more.
+plug() {
+  log=\$1
+  shift
+  for try in 1 2 3; do
+    given_up=\$(dmesg | grep -c 'Failed to initialize the device')
+    timeout 40 usb_camera "\$@" sent.grey >\$log 2>&1 &
+    camera=\$!
+    for i in \$(seq 100); do
+      [ -e /dev/video0 ] && return
+      [ \$(dmesg | grep -c 'Failed to initialize the device') -gt \$given_up ] && break
+      usleep 100000
+    done
+    echo "plugged in once more"
+    kill \$camera
+    wait \$camera
+  done
+}
+plug /out/camera.txt --count $pulled_after
 pocket-ptam cameras 2>&1
 timeout -s INT 60 pocket-ptam live --calibration sent.grey.yaml --rotate 90 --exposure 0.03 --record /out/recording \\
   >/out/poses.txt 2>/out/live.txt &
 live=\$!
 wait \$camera
 sleep 1
-timeout 40 usb_camera --first $pulled_after --broken-every 30 sent.grey >/out/camera_again.txt 2>&1
+plug /out/camera_again.txt --first $pulled_after --broken-every 30
+wait \$camera
 sleep 1
 kill -INT \$live
 wait \$live
