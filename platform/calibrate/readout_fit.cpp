@@ -34,9 +34,10 @@ struct MotionFrame {
   std::vector<Vector2d> rays;    // (x/z, y/z) of the corners, undistorted
   std::vector<double> lines[2];  // by axis: (line - middle) / lines, from -0.5 to 0.5
   std::vector<size_t> near;      // frames before and after; empty: this one takes no part
-  Eigen::Isometry3d still;       // the board's coordinates to the camera's, as of a global shutter
-  Matrix3d R;                    // the same under the readout at hand, at the frame's time
-  Vector3d t;
+  // The board's coordinates to the camera's, as of a global shutter.
+  Eigen::Isometry3d still = Eigen::Isometry3d::Identity();
+  Matrix3d R = Matrix3d::Identity();  // the same under the readout at hand, at the frame's time
+  Vector3d t = Vector3d::Zero();
 };
 
 // A board read from its other end is the same board: the reading that is nearer to the frame before.
