@@ -15,7 +15,8 @@ Without options the presets below, one after the other:
   sanitize  unit, kernel, map file, bits and API    aarch64   the same on a 64-bit Cortex-A53
             tests by clang with sanitizers
 --all: besides, the tests of sanitize by clang without them, the unit tests on every processor, the studies whole that
-are otherwise sampled, and the whole program for boards with Debian, emulated: board-arm64, board-armhf, board-armel.
+are otherwise sampled, a USB camera in an emulated PC, and the whole program for boards with Debian, emulated:
+board-arm64, board-armhf, board-armel.
 With other options one preset, test if none is named; those that are not known here go to ctest:
   tests/run.sh -L unit                   only the tests of one folder: unit, kernels, map_file, budget, scenario,
                                          calibrate, cli, platform

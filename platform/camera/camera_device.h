@@ -1,5 +1,5 @@
 // A device as its driver shows it: buffers with raw images, one by one. V4L2 (v4l2_device) and libcamera
-// (libcamera_camera) implement it, and DeviceCamera makes a Camera of either.
+// (libcamera_device) implement it, and DeviceCamera makes a Camera of either.
 #pragma once
 
 #include <cstddef>
