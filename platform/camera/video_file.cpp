@@ -68,7 +68,10 @@ std::map<std::string, std::string> probe(const std::filesystem::path& file) {
   std::string output(64 * 1024, '\0');
   output.resize(child.read(output.data(), output.size()));
   if (child.finish() != 0) {
-    if (child.errors().find("not on whitelist") != std::string::npos) {
+    // The second is what ffmpeg 7.1 says of an HLS playlist whose name ends otherwise.
+    const bool refused = child.errors().find("not on whitelist") != std::string::npos ||
+                         child.errors().find("Not detecting m3u8") != std::string::npos;
+    if (refused) {
       throw InputError("video " + file.string() +
                        " is a playlist or in another format that is not read: give the video file itself, or convert "
                        "it to MP4 or Matroska");
