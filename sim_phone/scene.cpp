@@ -480,16 +480,43 @@ Scene make_board(uint64_t seed) {
   return scene;
 }
 
+// The desk with an upright board on it, papered and with pictures, that faces the person and fills half of the view.
+Scene make_front(uint64_t seed) {
+  Random random(seed, 12);
+  Scene scene = make_desk(false, seed, {});
+  const double width = random.uniform(0.35, 0.6), height = random.uniform(0.22, 0.32);
+  Canvas canvas(width, height, kTableTexel_m);
+  const Place whole(0, 0, 0);
+  canvas.rectangle(whole, 0, 0, width, height, random.uniform(0.3, 0.7));
+  paper_ornament(canvas, 0.5, 0, random);
+  for (int i = 0; i < 6; ++i) {
+    const Place centre(random.uniform(0.1, width - 0.1), random.uniform(0.08, height - 0.08),
+                       random.uniform(-0.1, 0.1));
+    const double side = random.uniform(0.08, 0.14);
+    if (random.chance(0.5)) {
+      cover(canvas, centre, side, 1.2 * side, random);
+    } else {
+      page(canvas, centre, side, 1.2 * side, random);
+    }
+  }
+  const double facing = scene.stage.azimuth_rad + random.uniform(-0.4, 0.4);
+  const Vector3d normal(std::cos(facing), std::sin(facing), 0), right = Vector3d::UnitZ().cross(normal);
+  const Vector3d foot = -random.uniform(0.02, 0.1) * normal;
+  scene.surfaces.push_back(surface_of(canvas, foot - 0.5 * width * right + height * Vector3d::UnitZ(), right,
+                                      -Vector3d::UnitZ(), random.uniform(0.6, 1.1)));
+  return scene;
+}
+
 }  // namespace
 
 bool ground_plane_known(const std::string& scene) {
   return scene == "desk" || scene == "boxes" || scene == "plane" || scene == "sparse" || scene == "tiles" ||
-         scene == "board" || scene == "postcards" || scene == "same_tiles";
+         scene == "board" || scene == "postcards" || scene == "same_tiles" || scene == "front";
 }
 
 std::vector<std::string> scene_names() {
-  return {"desk",   "boxes", "walls", "checkerboard", "plane",     "clutter",
-          "sparse", "tiles", "board", "postcards",    "same_tiles"};
+  return {"desk",   "boxes", "walls", "checkerboard", "plane",      "clutter",
+          "sparse", "tiles", "board", "postcards",    "same_tiles", "front"};
 }
 
 double first_hit(const Scene& scene, const Vector3d& origin, const Vector3d& direction) {
@@ -518,6 +545,7 @@ Scene make_scene(const std::string& name, uint64_t seed, const Harshness& harsh)
   if (name == "same_tiles") return make_tiles(seed, false);
   if (name == "postcards") return make_postcards(seed);
   if (name == "board") return make_board(seed);
+  if (name == "front") return make_front(seed);
   return make_desk(false, seed, harsh);
 }
 

@@ -39,9 +39,9 @@ double first_hit(const Scene& scene, const Vector3d& origin, const Vector3d& dir
 
 // "desk", "boxes", "walls", "checkerboard" (alone, all its squares alike), "plane", "clutter", "sparse", "tiles",
 // "board" (a checkerboard on the desk), "postcards" (two of them on a bare table), "same_tiles" ("tiles" without
-// anything that tells one from another).
+// anything that tells one from another), "front" (an upright board on the desk).
 std::vector<std::string> scene_names();
-// Is z = 0 the dominant plane of this scene?
+// Is z = 0 a plane of this scene that a map should find?
 bool ground_plane_known(const std::string& scene);
 
 // name is one of scene_names(). Different seeds give other objects in other places under other light. Of harsh, bare

@@ -1,5 +1,5 @@
 // Finishes a map that an initialiser has made [phone 5.1, ptam 6.1]: finds the poses of the views between the first and
-// the last and all velocities, adjusts the map, and moves the world's coordinates onto the dominant plane.
+// the last and all velocities, adjusts the map, and moves the world's coordinates onto the ground.
 #pragma once
 
 #include "map/map.h"
@@ -30,8 +30,16 @@ class InitialMap {
 
   Task<bool> locate_views();
   Task<> measure_velocities();
-  Task<bool> align_to_dominant_plane();
-  Task<Plane> sample_planes(float threshold);
+  // Of the points for a plane, with a distance up to which they lie on it.
+  struct Support {
+    int on = 0, below = 0;  // below: on the far side, seen from the camera
+    float near = 0;         // sum of their nearness, 1 on the plane
+  };
+
+  Task<bool> align_to_ground();
+  bool faces_up(const Plane& plane) const;
+  Support support_of(const Plane& plane, float threshold) const;
+  Task<Plane> sample_planes(float threshold, bool of_ground);
   Task<Plane> refine(Plane plane, float threshold);
   bool align_to(const Plane& plane, float threshold);
   Vector3f p_1(int i) const;  // position of points_[i] in the first camera's frame

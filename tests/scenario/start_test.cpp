@@ -5,12 +5,16 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <memory>
 #include <set>
 #include <string>
 #include <vector>
 
 #include <pocket_ptam/inspection.h>
+#include "platform/run/evaluation.h"
+#include "platform/run/run.h"
 #include "sim_phone/laboratory/start_study.h"
+#include "sim_phone/phone_camera.h"
 #include "tests/support/random.h"
 #include "tests/support/recording.h"
 #include "tests/support/sample.h"
@@ -84,6 +88,27 @@ TEST(StartStudy, AnAcceleratingStartIsNotBent) {
     EXPECT_TRUE(trial.initialised) << seed;
     EXPECT_LT(trial.wrong_fraction, 0.05) << seed;
   }
+}
+
+// Half of the view is an upright board with more texture than the table that it stands on.
+TEST(Ground, IsBelowAnUprightFront) {
+  int maps = 0, wrong = 0;
+  const int count = sampled(6, 40);
+  for (int seed = 1; seed <= count; ++seed) {
+    sim::PhoneOptions phone;
+    phone.scene = "front";
+    phone.seed = static_cast<uint64_t>(seed);
+    phone.duration_s = 7;
+    const std::unique_ptr<platform::Camera> camera = sim::make_phone_camera(phone);
+    const platform::Trajectory truth = camera->ground_truth();
+    const platform::RunLog log = platform::run_sequence(
+        *camera, {}, [](const platform::CameraInfo&) {}, nullptr);
+    if (log.trajectory().size() < platform::kFewPoses) continue;
+    ++maps;
+    wrong += platform::evaluate(log.trajectory(), truth, "run", "truth").vertical_error_deg > 10;
+  }
+  EXPECT_GE(maps, count - 1);
+  EXPECT_LE(wrong, sampled(0, 2));  // 95 % are wanted
 }
 
 TEST(StartStudy, OtherCamerasStartToo) {
