@@ -1,9 +1,11 @@
 #include "mapping/bundle_adjustment.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "base/assert.h"
 #include "camera/pose_update.h"
+#include "geometry/robust.h"
 
 namespace pptam {
 
@@ -24,6 +26,11 @@ constexpr float kSecondSearchZmssd = 0.3f;
 // new scenery measures hardly any map point, and the keyframe would move where nothing holds it. Pans on the spot,
 // eight emulated runs: adjusted all the same, one is off by 14 % of the depth; with 6 to 10, 2.7 at most.
 constexpr int kMinMeasurements = 10;
+// Measurements from which on a point is settled: two agree wherever it lies along its epipolar lines.
+constexpr int kSettledMeasurements = 3;
+// Change of the scale, relative, that is undone: some ten times float32's rounding, since undoing rounds every number
+// again, and a perfect map would never be seen to converge. A thousand steps of it are 0.1 %.
+constexpr float kMinScaleChange = 1e-6f;
 constexpr float kMinExtent = 1e-3f;  // of an adjusted map, relative to before: a smaller one has collapsed; not swept
 
 // ARMv6 instructions, estimates. The sum over a run's mapping is within 10 % of the count (tests/budget).
@@ -33,7 +40,8 @@ constexpr int64_t kTestObservationInstructions = 20;   // a measurement of a poi
 constexpr int64_t kCountMeasurementInstructions = 10;  // a measurement counted for its keyframe
 constexpr int64_t kViewInstructions = 300;             // a keyframe compared, in one round of choosing the local ones
 constexpr int64_t kCommitPointInstructions = 20;
-constexpr int64_t kFollowAnchorInstructions = 200;  // an erased keyframe that follows its anchor
+constexpr int64_t kCompareDistanceInstructions = 130;  // a point's distances compared, and its share of the median
+constexpr int64_t kFollowAnchorInstructions = 200;     // an erased keyframe that follows its anchor
 constexpr int64_t kWeighPointInstructions = 30, kWeighObservationInstructions = 25;  // discard_outliers()
 
 Vector6f prior_information(float mean_depth) {
@@ -66,18 +74,20 @@ BundleAdjuster::BundleAdjuster(Arena& arena, const Config& config, Map& map, Wor
       finder_(map, config, meter),
       engine_(arena, capacity(config), Projection{&config.camera.model}, meter, background),
       measured_(arena, keyframe_slots(config.max_keyframes, config.max_erased_keyframes)),
-      point_indices_(arena, config.max_map_points) {}
+      point_indices_(arena, config.max_map_points),
+      ratios_(arena, config.max_map_points) {}
 
 Task<> BundleAdjuster::run(int newest, bool velocities, int max_iterations) {
   result_ = BundleResult();
   const bool few = newest >= 0 || map_.live_count() <= kMaxVelocityCameras;
+  scale_ = 1;
   co_await gather(newest, velocities && few && config_.camera.shutter.line_time_s != 0);
   if (!engine_.assign_columns() || engine_.columns() == 0 || engine_.points().size() < kMinPoints) {
     result_.converged = true;  // there is nothing to adjust: asking again would not change that
     co_return;
   }
   co_await engine_.start(BundleOptions());
-  while (result_.iterations < max_iterations) {
+  while (!result_.converged && result_.iterations < max_iterations) {
     co_await engine_.linearise();
     if (result_.iterations == 0) result_.initial_cost = engine_.cost();
     result_.final_cost = engine_.cost();
@@ -87,16 +97,19 @@ Task<> BundleAdjuster::run(int newest, bool velocities, int max_iterations) {
     if (outcome == BundleOutcome::kAccepted || outcome == BundleOutcome::kConverged) {
       ++result_.iterations;
       result_.final_cost = engine_.cost();
+      // Local adjustment has fixed keyframes that hold the scale.
+      if (newest < 0) hold_scale();
       commit();
     }
-    if (outcome == BundleOutcome::kConverged || outcome == BundleOutcome::kExhausted) {
-      result_.converged = true;
-      co_await discard_outliers();
-      co_return;
-    }
-    if (map_.queue().waiting() > 0) co_return;  // the new keyframe comes first
-    co_await background_.slice();
+    result_.converged = outcome == BundleOutcome::kConverged || outcome == BundleOutcome::kExhausted;
+    if (!result_.converged && map_.queue().waiting() > 0) break;  // the new keyframe comes first
+    if (!result_.converged) co_await background_.slice();
   }
+  if (std::abs(scale_ - 1.0f) > kMinScaleChange) {
+    rescale(1.0f / scale_);
+    commit();
+  }
+  if (result_.converged) co_await discard_outliers();
 }
 
 // Copies the map into the engine. Several slices may pass meanwhile: only the mapper changes the map's geometry, and it
@@ -168,7 +181,7 @@ Task<> BundleAdjuster::count_measurements() {
 }
 
 // Frees all live keyframes with enough measurements, or `newest` and the nearest to it. In a map that is not ready all
-// of them, since hold_scale() moves all. The first keyframe's pose is the datum and never free; its velocity may be
+// of them, since rescale() moves all. The first keyframe's pose is the datum and never free; its velocity may be
 // free.
 Task<> BundleAdjuster::free_cameras(int newest, bool velocities) {
   FixedVector<Engine::Camera>& cameras = engine_.cameras();
@@ -199,27 +212,46 @@ Task<> BundleAdjuster::free_cameras(int newest, bool velocities) {
   }
 }
 
-// Scales the state about the first camera's centre so that the last camera keeps its distance from it. T_last: pose of
-// the last camera before the adjustment.
-void BundleAdjuster::hold_scale(const SE3& T_last) {
+// Called before a step is committed. Nothing else fixes the scale of a full adjustment. In a map that is not ready yet
+// the last camera keeps its distance from the first after each step: the tracker already tracks at that scale. In a
+// finished map the middle one of the settled points' distances tells the change, so that neither a camera nor a
+// minority of points can pull at it; it is undone at the end, since undoing it in every step would disturb velocities
+// whose priors know the scale.
+void BundleAdjuster::hold_scale() {
+  const auto centre = [](const Engine::State& camera) { return Vector3f(-(camera.R.transpose() * camera.t)); };
+  const Vector3f origin = centre(engine_.cameras()[0].now);
+  if (!map_.ready()) {
+    const SE3& T_last = map_.keyframes()[map_.keyframes().size() - 1].T_kw;
+    const float before = (T_last.centre() - origin).norm();
+    const float after = (centre(engine_.cameras().back().now) - origin).norm();
+    if (before > 0 && after > kMinExtent * before) rescale(before / after);
+    return;
+  }
+  ratios_.clear();
+  for (int i = 0; i < point_indices_.size(); ++i) {
+    const Engine::Point& entry = engine_.points()[i];
+    if (entry.count < kSettledMeasurements) continue;
+    const float before_sq = (map_.points()[point_indices_[i]].p_w - origin).squaredNorm();
+    if (before_sq > 0) ratios_.push_back((entry.p - origin).squaredNorm() / before_sq);
+  }
+  meter_.charge(Work::kOther, kCompareDistanceInstructions * point_indices_.size());
+  if (ratios_.size() >= kMinPoints) scale_ = std::max(scale_ * std::sqrt(median_of(ratios_)), kMinExtent);
+}
+
+// Scales what the adjustment has changed about the first camera's centre.
+void BundleAdjuster::rescale(float scale) {
   FixedVector<Engine::Camera>& cameras = engine_.cameras();
   const auto centre = [](const Engine::State& camera) { return Vector3f(-(camera.R.transpose() * camera.t)); };
   const Vector3f origin = centre(cameras[0].now);
-  const float before = (T_last.centre() - origin).norm(), after = (centre(cameras.back().now) - origin).norm();
-  if (!(before > 0) || !(after > kMinExtent * before)) return;
-  const float scale = before / after;
   for (Engine::Camera& camera : cameras) {
-    camera.now.t = -(camera.now.R * (origin + scale * (centre(camera.now) - origin)));
-    camera.now.velocity.head<3>() *= scale;
+    if (camera.pose_free) camera.now.t = -(camera.now.R * (origin + scale * (centre(camera.now) - origin)));
+    if (camera.velocity_free || !map_.ready()) camera.now.velocity.head<3>() *= scale;
   }
   for (Engine::Point& point : engine_.points()) point.p = origin + scale * (point.p - origin);
 }
 
 // Writes one accepted step into the map, as a whole.
 void BundleAdjuster::commit() {
-  // Nothing else fixes the scale of a map that is not ready yet. The tracker already tracks with that map at its
-  // initial scale, so the scale has to stay.
-  if (!map_.ready()) hold_scale(map_.keyframes()[map_.keyframes().size() - 1].T_kw);
   for (int k = 0; k < engine_.cameras().size(); ++k) {
     const Engine::Camera& camera = engine_.cameras()[k];
     if (camera.pose_free) map_.move_keyframe(k, {camera.now.R, camera.now.t});

@@ -57,7 +57,8 @@ class BundleAdjuster {
   Task<> discard_outliers();
   bool measure_again(const MapPoint& point, Measurement* measurement);
   void commit();
-  void hold_scale(const SE3& T_last);
+  void hold_scale();
+  void rescale(float scale);
 
   const Config& config_;
   Map& map_;
@@ -67,6 +68,8 @@ class BundleAdjuster {
   Engine engine_;
   FixedVector<int32_t> measured_;       // number of each keyframe's measurements
   FixedVector<int32_t> point_indices_;  // of each of the engine's points: its index in Map::points()
+  FixedVector<float> ratios_;           // scratch: of each settled point, its distance after and before
+  float scale_ = 1;                     // of a finished map, relative to when the adjustment began
   BundleResult result_;
 };
 

@@ -13,6 +13,7 @@
 
 #include <pocket_ptam/clock.h>
 #include "tracking/depth_filter.h"
+#include "tracking/frame_fit.h"
 #include "tracking/frame_input.h"
 #include "tracking/initialiser.h"
 #include "tracking/keyframe_policy.h"
@@ -60,6 +61,7 @@ class Tracker {
   MapMatching matching_;
   StillCamera still_camera_;
   DepthFilter depth_filter_;
+  FrameFit frame_fit_;
   KeyframePolicy keyframe_policy_;
   Initialiser* initialiser_;
   StartTrigger start_trigger_;

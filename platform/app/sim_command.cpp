@@ -17,6 +17,7 @@
 #include "sim_phone/laboratory/harsh_study.h"
 #include "sim_phone/laboratory/judgement.h"
 #include "sim_phone/laboratory/start_study.h"
+#include "sim_phone/laboratory/stretch_study.h"
 #include "sim_phone/laboratory/suite.h"
 #include "sim_phone/motion.h"
 #include "sim_phone/phone_camera.h"
@@ -68,8 +69,9 @@ CLI::Option* add_sequence_options(CLI::App* sim, SimChoice* chosen) {
   sim::PhoneOptions& phone = chosen->phone;
   CLI::Option* story =
       add_repeatable(sim, "--story", &chosen->stories, "One of the stories below; may be repeated with --suite");
-  add_repeatable(sim, "--scene", &chosen->scenes,
-                 one_of(sim::scene_names()) + "; may be repeated with --suite and --study culling or harsh [desk]");
+  add_repeatable(
+      sim, "--scene", &chosen->scenes,
+      one_of(sim::scene_names()) + "; may be repeated with --suite and --study culling, harsh or stretches [desk]");
   std::vector<std::string> motions = sim::motion_names();
   for (const std::string& name : sim::start_names()) motions.push_back(name);
   sim->add_option("--motion", phone.motion, one_of(motions))->capture_default_str()->type_name("NAME")->excludes(story);
@@ -104,7 +106,8 @@ void add_laboratory_options(CLI::App* sim, CLI::Option* story, ChosenStudies* ch
       sim->add_option(
              "--study", chosen->study,
              "init: many short starts of several kinds, as a table and plots; culling: exploring runs with and without "
-             "culling of keyframes, as a table; harsh: exploring runs with each cause of --harsh alone, and with all")
+             "culling of keyframes, as a table; harsh: exploring runs with each cause of --harsh alone, and with all; "
+             "stretches: exploring runs with two seconds of bad pictures in their midst")
           ->type_name("NAME")
           ->excludes(suite);
   add_repeatable(sim, "--kind", &chosen->kinds,
@@ -160,6 +163,7 @@ std::string footer() {
          "  pocket-ptam sim --study init --seeds 20 --jobs 2\n"
          "  pocket-ptam sim --study culling --scene desk --scene walls --seeds 50 --jobs 2\n"
          "  pocket-ptam sim --study harsh --seeds 5 --jobs 2\n"
+         "  pocket-ptam sim --study stretches --seeds 6 --jobs 2\n"
          "  pocket-ptam sim --endurance 60 --scene desk --twice";
 }
 
@@ -181,13 +185,16 @@ class SimCommand {
     if ((many_runs || !chosen_.dump.empty()) && (run_.save_map || run_.lock_map || !run_.load_map.empty()))
       throw InputError("--load-map, --save-map and --lock-map belong to a single run");
     if (studies_.suite) return run_suite();
-    if (chosen_.stories.size() + chosen_.scenes.size() > 1 && studies_.study != "culling" && studies_.study != "harsh")
+    const bool many_scenes = studies_.study == "culling" || studies_.study == "harsh" || studies_.study == "stretches";
+    if (chosen_.stories.size() + chosen_.scenes.size() > 1 && !many_scenes)
       throw InputError("several --story or --scene belong to --suite");
     choose_sequence();
     if (studies_.study == "culling") return run_culling_study();
     if (studies_.study == "harsh") return run_harsh_study();
     if (studies_.study == "init") return run_start_study();
-    if (!studies_.study.empty()) throw InputError("--study " + studies_.study + ": there are init, culling and harsh");
+    if (studies_.study == "stretches") return run_stretch_study();
+    if (!studies_.study.empty())
+      throw InputError("--study " + studies_.study + ": there are init, culling, harsh and stretches");
     if (studies_.many) throw InputError("--seeds and --jobs belong to --suite or --study");
     if (studies_.endurance_minutes) return run_endurance();
     return run_once();
@@ -281,6 +288,17 @@ class SimCommand {
     options.phone = chosen_.phone;
     options.run = run_;
     return laboratory::run_harsh_study(options) ? kExitOk : kExitBroken;
+  }
+
+  int run_stretch_study() const {
+    laboratory::StretchStudyOptions options;
+    options.scenes = chosen_.scenes;
+    options.seeds = studies_.seeds;
+    options.jobs = studies_.jobs;
+    options.phone = chosen_.phone;
+    if (!chosen_.duration_s) options.phone.duration_s = 24;
+    options.run = run_;
+    return laboratory::run_stretch_study(options) ? kExitOk : kExitBroken;
   }
 
   int run_start_study() const {

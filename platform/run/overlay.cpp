@@ -393,6 +393,7 @@ void draw_panel(cairo_t* cr, const FrameLog& log, double top, double width, doub
   const std::string hint = sentence_for(log.hint);
   if (!hint.empty()) words += (words.empty() ? "" : ", ") + hint;
   if (log.blurred) words += words.empty() ? "blurred" : ", blurred";
+  if (log.misfit) words += words.empty() ? "does not fit the map" : ", does not fit the map";
   draw_text(cr, 22 * unit + chip, top + 29.5 * unit, words);
   if (log.keyframe_added) {
     const std::string added = "+ keyframe";

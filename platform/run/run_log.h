@@ -25,6 +25,7 @@ struct FrameLog {
   uint32_t limits_hit = 0;
   bool pose_valid = false;
   bool blurred = false;
+  bool misfit = false;
   bool keyframe_added = false;
   Eigen::Isometry3d T_wc = Eigen::Isometry3d::Identity();
   double position_sigma = 0;  // reported: rms error of the camera centre, world units

@@ -48,6 +48,7 @@ FrameLog log_of(const TrackResult& result) {
   log.limits_hit = result.limits_hit;
   log.pose_valid = result.pose_valid;
   log.blurred = result.blurred;
+  log.misfit = result.misfit;
   log.keyframe_added = result.keyframe_added;
   if (result.pose_valid) {
     log.T_wc = camera_to_world(result.T_cw);

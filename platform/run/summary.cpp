@@ -69,6 +69,29 @@ std::vector<const FrameLog*> longest_loss(const RunLog& log, double* from_s, dou
   return frames;
 }
 
+// The longest stretch of frames that do not fit the map; empty when it was short.
+std::string longest_misfit(const RunLog& log) {
+  constexpr double kWorthTelling_s = 0.25;  // a single quick turn is shorter
+  double from_s = 0, longest_s = 0;
+  const FrameLog* begin = nullptr;
+  for (const FrameLog& frame : log.frames) {
+    if (!frame.misfit) {
+      begin = nullptr;
+      continue;
+    }
+    if (begin == nullptr) begin = &frame;
+    const double length_s = log.seconds(frame.timestamp_ns) - log.seconds(begin->timestamp_ns);
+    if (length_s <= longest_s) continue;
+    longest_s = length_s;
+    from_s = log.seconds(begin->timestamp_ns);
+  }
+  if (longest_s < kWorthTelling_s) return "";
+  return format(
+      "from %.1f s on, for %.1f s, the points agree far worse than usual: a zoom, a stabiliser's jump, frames "
+      "out of order? The map took nothing from such frames unless few points were left",
+      from_s, longest_s);
+}
+
 }  // namespace
 
 std::vector<SummaryRow> summarise(const Evaluation& e) {
@@ -116,6 +139,8 @@ std::vector<SummaryRow> summarise(const RunLog& log, const RunSummary& summary) 
       append_reasons(lost, &rows);
     }
     rows.push_back({"reprojection error", format("%.2f px rms", log.reprojection_px())});
+    const std::string misfit = longest_misfit(log);
+    if (!misfit.empty()) rows.push_back({"misfit", misfit});
     rows.push_back({"map", format("%zu keyframes, %zu points", log.keyframes.size(), log.map_points.size()) +
                                (log.map_parts > 1 ? format(", fallen into %d parts", log.map_parts) : "")});
     rows.push_back(

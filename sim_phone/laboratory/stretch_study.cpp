@@ -1,0 +1,333 @@
+#include "sim_phone/laboratory/stretch_study.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <cstdio>
+#include <map>
+#include <memory>
+#include <utility>
+
+#include "platform/input_error.h"
+#include "platform/run/console.h"
+#include "platform/run/evaluation.h"
+#include "platform/run/interruption.h"
+#include "platform/run/jobs.h"
+#include "platform/run/statistics.h"
+#include "platform/text.h"
+#include "sim_phone/hand.h"
+#include "sim_phone/laboratory/judgement.h"
+#include "sim_phone/random.h"
+
+namespace pptam::laboratory {
+namespace {
+
+using namespace platform;
+
+constexpr double kStretch_s = 2, kSettle_s = 1;    // how long it lasts; what follows it and is not judged
+constexpr double kEarliest_s = 9, kLatest_s = 13;  // when it begins: the map is finished
+constexpr double kMaxScaleChange_percent = 1;      // wanted
+constexpr int kSettledMeasurements = 3;            // of a point that tells the map's scale
+constexpr uint64_t kForeignSeed = 1000;            // added, for the other scene's frames
+constexpr std::array kKinds = {"none", "shuffled", "shifted", "zoomed", "frozen", "backwards", "foreign"};
+enum Kind : uint8_t { kNothing, kShuffled, kShifted, kZoomed, kFrozen, kBackwards, kForeign };
+
+struct KeptFrame {
+  Frame frame;
+  std::vector<uint8_t> pixels;  // rows of frame.width
+};
+
+std::vector<KeptFrame> all_frames(platform::Camera* camera) {
+  std::vector<KeptFrame> kept;
+  for (Frame frame; camera->read(&frame);) {
+    KeptFrame one{frame, {}};
+    for (int y = 0; y < frame.height; ++y) {
+      const uint8_t* row = frame.data + static_cast<ptrdiff_t>(y) * frame.stride_bytes;
+      one.pixels.insert(one.pixels.end(), row, row + frame.width);
+    }
+    one.frame.stride_bytes = frame.width;
+    kept.push_back(std::move(one));
+  }
+  return kept;
+}
+
+// Shifted round the edges, as by a stabiliser that jumps.
+std::vector<uint8_t> shifted(const KeptFrame& from, int dx, int dy) {
+  const int width = from.frame.width, height = from.frame.height;
+  std::vector<uint8_t> pixels(from.pixels.size());
+  for (int y = 0; y < height; ++y) {
+    for (int x = 0; x < width; ++x) {
+      pixels[static_cast<size_t>(y * width + x)] =
+          from.pixels[static_cast<size_t>((y + dy + height) % height * width + (x + dx + width) % width)];
+    }
+  }
+  return pixels;
+}
+
+// Magnified about its middle.
+std::vector<uint8_t> zoomed(const KeptFrame& from, double factor) {
+  const int width = from.frame.width, height = from.frame.height;
+  std::vector<uint8_t> pixels(from.pixels.size());
+  for (int y = 0; y < height; ++y) {
+    for (int x = 0; x < width; ++x) {
+      const double u = 0.5 * (width - 1) + (x - 0.5 * (width - 1)) / factor;
+      const double v = 0.5 * (height - 1) + (y - 0.5 * (height - 1)) / factor;
+      const int x0 = std::clamp(static_cast<int>(u), 0, width - 2), y0 = std::clamp(static_cast<int>(v), 0, height - 2);
+      const auto at = [&](int dx, int dy) {
+        return static_cast<double>(from.pixels[static_cast<size_t>((y0 + dy) * width + x0 + dx)]);
+      };
+      const double a = u - x0, b = v - y0;
+      const double grey = (1 - b) * ((1 - a) * at(0, 0) + a * at(1, 0)) + b * ((1 - a) * at(0, 1) + a * at(1, 1));
+      pixels[static_cast<size_t>(y * width + x)] = static_cast<uint8_t>(std::lround(std::clamp(grey, 0.0, 255.0)));
+    }
+  }
+  return pixels;
+}
+
+// Change of the map's scale in percent: of the distances of the points that are in both from their middle. NaN when
+// there are too few.
+double scale_change_percent(const std::vector<MapPointInfo>& before, const std::vector<MapPointInfo>& after) {
+  constexpr size_t kEnough = 20;
+  std::map<uint32_t, Eigen::Vector3d> later;
+  for (const MapPointInfo& point : after) later[point.id] = point.p_w.cast<double>();
+  std::vector<Eigen::Vector3d> a, b;
+  for (const MapPointInfo& point : before) {
+    const auto found = later.find(point.id);
+    if (found == later.end() || point.measurements < kSettledMeasurements) continue;
+    a.push_back(point.p_w.cast<double>());
+    b.push_back(found->second);
+  }
+  if (a.size() < kEnough) return kNone;
+  const auto middle = [](const std::vector<Eigen::Vector3d>& points) {
+    Eigen::Vector3d m;
+    for (int i = 0; i < 3; ++i) {
+      std::vector<double> values;
+      for (const Eigen::Vector3d& p : points) values.push_back(p[i]);
+      m[i] = percentile(values, 0.5);
+    }
+    return m;
+  };
+  const Eigen::Vector3d middle_a = middle(a), middle_b = middle(b);
+  std::vector<double> ratios;
+  for (size_t i = 0; i < a.size(); ++i) ratios.push_back((b[i] - middle_b).norm() / (a[i] - middle_a).norm());
+  return 100 * (percentile(ratios, 0.5) - 1);
+}
+
+// Frames [from, to) are spoiled; their times stay.
+void spoil(Kind kind, size_t from, size_t to, const std::vector<KeptFrame>& foreign, sim::Random* random,
+           std::vector<KeptFrame>* frames) {
+  const std::vector<KeptFrame> good(frames->begin() + static_cast<ptrdiff_t>(from),
+                                    frames->begin() + static_cast<ptrdiff_t>(to));
+  std::vector<size_t> order(good.size());
+  for (size_t i = 0; i < order.size(); ++i) order[i] = i;
+  for (size_t i = order.size(); i > 1; --i) {
+    std::swap(order[i - 1], order[static_cast<size_t>(random->integer(0, static_cast<int>(i) - 1))]);
+  }
+  const int width = good.front().frame.width, height = good.front().frame.height;
+  const int dx = random->integer(-width / 3, width / 3), dy = random->integer(-height / 3, height / 3);
+  const double zoom = random->uniform(1.15, 2);
+  const double ramp_s = random->uniform(0, 1);  // of the shift or zoom, until it is whole
+  for (size_t i = 0; i < good.size(); ++i) {
+    std::vector<uint8_t>& pixels = (*frames)[from + i].pixels;
+    const double since_s = 1e-9 * static_cast<double>(good[i].frame.timestamp_ns - good.front().frame.timestamp_ns);
+    const double share = since_s < ramp_s ? since_s / ramp_s : 1;
+    switch (kind) {
+      case kNothing:
+        break;
+      case kShuffled:
+        pixels = good[order[i]].pixels;
+        break;
+      case kShifted:
+        pixels = shifted(good[i], static_cast<int>(share * dx), static_cast<int>(share * dy));
+        break;
+      case kZoomed:
+        pixels = zoomed(good[i], std::pow(zoom, share));
+        break;
+      case kFrozen:
+        pixels = good.front().pixels;
+        break;
+      case kBackwards:
+        pixels = good[good.size() - 1 - i].pixels;
+        break;
+      case kForeign:
+        pixels = foreign[std::min(from + i, foreign.size() - 1)].pixels;
+        break;
+    }
+  }
+}
+
+class KeptCamera : public platform::Camera {
+ public:
+  KeptCamera(const platform::CameraInfo& info, std::vector<KeptFrame> frames)
+      : info_(info), frames_(std::move(frames)) {}
+  const platform::CameraInfo& info() const override { return info_; }
+  platform::CameraEvent wait(Frame* frame, int64_t) override {
+    if (next_ == frames_.size()) return platform::CameraEvent::kEnd;
+    *frame = frames_[next_].frame;
+    frame->data = frames_[next_++].pixels.data();
+    return platform::CameraEvent::kFrame;
+  }
+
+ private:
+  platform::CameraInfo info_;
+  std::vector<KeptFrame> frames_;
+  size_t next_ = 0;
+};
+
+void judge_after(const RunLog& log, const platform::Trajectory& truth, double from_s, double to_s, StretchRun* run) {
+  platform::Trajectory before, after;
+  for (const auto& pose : log.trajectory()) {
+    const double t_s = 1e-9 * static_cast<double>(pose.timestamp_ns);
+    if (t_s < from_s) before.push_back(pose);
+    if (t_s > to_s + kSettle_s) after.push_back(pose);
+  }
+  int frames_after = 0;
+  for (const FrameLog& frame : log.frames) {
+    frames_after += 1e-9 * static_cast<double>(frame.timestamp_ns) > to_s + kSettle_s;
+  }
+  run->tracked_percent = 100.0 * static_cast<double>(after.size()) / std::max(1, frames_after);
+  Evaluation known;
+  try {
+    known = evaluate(before, truth, "run", "ground truth");
+    run->begun = true;
+  } catch (const platform::InputError&) {  // no map before
+  }
+  if (!run->begun) return;
+  size_t next = 0;
+  for (const FrameLog& frame : log.frames) {
+    const double t_s = 1e-9 * static_cast<double>(frame.timestamp_ns);
+    while (next < truth.size() && truth[next].timestamp_ns < frame.timestamp_ns) ++next;
+    if (t_s <= to_s + kSettle_s || !frame.pose_valid || frame.quality != TrackingQuality::kGood) continue;
+    if (next == truth.size() || truth[next].timestamp_ns != frame.timestamp_ns) continue;
+    const double error = (known.alignment * frame.T_wc.translation() - truth[next].T_wc.translation()).norm();
+    const double turned =
+        Eigen::AngleAxisd(truth[next].T_wc.linear().transpose() * known.alignment.R * frame.T_wc.linear()).angle() /
+        sim::kDegree;
+    ++run->judged;
+    run->wrong_good += error > kWrongExtentFraction * known.extent || turned > kWrongRotationDeg;
+    run->largest_percent = std::fmax(run->largest_percent, 100 * error / known.extent);
+  }
+}
+
+}  // namespace
+
+StretchRun::StretchRun() : scale_percent(kNone), largest_percent(kNone) {}
+
+std::vector<std::string> stretch_kinds() {
+  return {kKinds.begin(), kKinds.end()};
+}
+
+StretchRun run_stretch(const sim::PhoneOptions& phone, const RunOptions& options, const std::string& kind_name) {
+  const auto kind = static_cast<Kind>(std::find(kKinds.begin(), kKinds.end(), kind_name) - kKinds.begin());
+  sim::Random random(phone.seed, 90 + kind);
+  const std::unique_ptr<platform::Camera> camera = sim::make_phone_camera(phone);
+  const platform::Trajectory truth = camera->ground_truth();
+  std::vector<KeptFrame> frames = all_frames(camera.get()), foreign;
+  if (kind == kForeign) {
+    sim::PhoneOptions other = phone;
+    other.seed += kForeignSeed;
+    other.scene = phone.scene == "boxes" ? "desk" : "boxes";
+    foreign = all_frames(sim::make_phone_camera(other).get());
+  }
+  const double begin_s = random.uniform(kEarliest_s, kLatest_s);
+  const int64_t first_ns = frames.front().frame.timestamp_ns;
+  const auto index_at = [&](double t_s) {
+    const auto at = std::find_if(frames.begin(), frames.end(), [&](const KeptFrame& kept) {
+      return 1e-9 * static_cast<double>(kept.frame.timestamp_ns - first_ns) >= t_s;
+    });
+    return static_cast<size_t>(at - frames.begin());
+  };
+  const size_t from = index_at(begin_s), to = index_at(begin_s + kStretch_s);
+  const double from_s = 1e-9 * static_cast<double>(frames[from].frame.timestamp_ns);
+  const double to_s = 1e-9 * static_cast<double>(frames[to - 1].frame.timestamp_ns);
+  // The same bits up to there.
+  const auto ignore = [](const platform::CameraInfo&) {};
+  KeptCamera beginning(camera->info(), {frames.begin(), frames.begin() + static_cast<ptrdiff_t>(from)});
+  const RunLog until = run_sequence(beginning, options, ignore, nullptr);
+  spoil(kind, from, to, foreign, &random, &frames);
+  KeptCamera spoiled(camera->info(), std::move(frames));
+  const RunLog log = run_sequence(spoiled, options, ignore, nullptr);
+  StretchRun run;
+  run.name = phone.scene + ", " + kind_name + ", seed " + std::to_string(phone.seed);
+  judge_after(log, truth, from_s, to_s, &run);
+  if (run.begun) run.scale_percent = scale_change_percent(until.map_points, log.map_points);
+  return run;
+}
+
+bool run_stretch_study(const StretchStudyOptions& options) {
+  std::vector<std::string> scenes = options.scenes;
+  if (scenes.empty()) scenes = {"desk", "boxes", "walls"};
+  const auto seeds = static_cast<size_t>(options.seeds);
+  for (const std::string& scene : scenes) {
+    sim::PhoneOptions phone = options.phone;
+    phone.scene = scene;
+    sim::check_phone_options(phone);
+    if (phone.duration_s < kLatest_s + kStretch_s + kSettle_s + 1)
+      throw platform::InputError("--study stretches: give it at least 20 seconds (--duration)");
+  }
+  stop_on_signals();
+  std::vector<StretchRun> all(scenes.size() * kKinds.size() * seeds);
+  const std::vector<bool> done = run_jobs(options.jobs, all.size(), [&](size_t i) {
+    sim::PhoneOptions phone = options.phone;
+    phone.scene = scenes[i / seeds / kKinds.size()];
+    phone.seed = 1 + i % seeds;
+    all[i] = run_stretch(phone, options.run, kKinds[i / seeds % kKinds.size()]);
+    return all[i].name;
+  });
+
+  const auto cell = [](const char* pattern, double value) {
+    return std::isnan(value) ? std::string("-") : format(pattern, value);
+  };
+  std::vector<std::vector<std::string>> rows;
+  size_t missing = 0;
+  int scale_missed = 0, wrong_runs = 0;
+  for (size_t i = 0; i < all.size(); ++i) {
+    missing += !done[i];
+    const StretchRun& run = all[i];
+    if (!done[i] || i / seeds % kKinds.size() == kNothing || !run.begun) continue;
+    scale_missed += std::abs(run.scale_percent) > kMaxScaleChange_percent;
+    wrong_runs += run.wrong_good > 0;
+    if (std::abs(run.scale_percent) > kMaxScaleChange_percent || run.wrong_good > 0 || std::isnan(run.scale_percent)) {
+      rows.push_back({run.name, cell("%+.2f", run.scale_percent), format("%d of %d", run.wrong_good, run.judged),
+                      format("%.0f", run.tracked_percent), cell("%.1f", run.largest_percent)});
+    }
+  }
+  if (!rows.empty()) {
+    print_line("Runs that miss a goal, or have no pose afterwards:");
+    print_table({"run", "scale %", "wrong as good", "tracked %", "largest %"}, rows);
+    print_line("");
+  }
+  std::vector<std::vector<std::string>> kinds;
+  for (size_t kind = 0; kind < kKinds.size(); ++kind) {
+    std::vector<double> scales, tracked, largest;
+    int runs = 0, wrong = 0, judged = 0;
+    for (size_t i = 0; i < all.size(); ++i) {
+      if (!done[i] || i / seeds % kKinds.size() != kind || !all[i].begun) continue;
+      ++runs;
+      if (!std::isnan(all[i].scale_percent)) scales.push_back(std::abs(all[i].scale_percent));
+      tracked.push_back(all[i].tracked_percent);
+      if (!std::isnan(all[i].largest_percent)) largest.push_back(all[i].largest_percent);
+      wrong += all[i].wrong_good;
+      judged += all[i].judged;
+    }
+    kinds.push_back({kKinds[kind], format("%d", runs), cell("%.2f", percentile(scales, 0.5)),
+                     cell("%.2f", percentile(scales, 1)), format("%d of %d", wrong, judged),
+                     cell("%.1f", percentile(tracked, 0.5)), cell("%.0f", percentile(tracked, 0)),
+                     cell("%.1f", percentile(largest, 0.5)), cell("%.1f", percentile(largest, 1))});
+  }
+  print_table({"stretch", "runs", "scale %", "worst", "wrong as good", "tracked %", "worst", "largest %", "worst"},
+              kinds);
+  const bool met = scale_missed == 0 && wrong_runs == 0;
+  print_line(
+      format("\nscale: change of the map's scale, median and worst of the runs; from %g s after the stretch: wrong as "
+             "good: poses;\ntracked: frames; largest: error of a good pose, in percent of the extent. Goals: "
+             "the scale changes by at most %g %%, nothing wrong is good.",
+             kSettle_s, kMaxScaleChange_percent));
+  print_line(met ? "the goals are met"
+                 : format("the goals are NOT met: the scale in %d runs, wrong poses in %d", scale_missed, wrong_runs));
+  if (missing > 0) print_error(interruption() + format(": %zu of %zu runs are missing", missing, all.size()));
+  return met && missing == 0;
+}
+
+}  // namespace pptam::laboratory

@@ -1,0 +1,63 @@
+// Frames that do not fit the map: told from the usual noise, and learnt when they last.
+
+#include "tracking/frame_fit.h"
+
+#include <gtest/gtest.h>
+
+#include "tests/support/random.h"
+
+namespace pptam {
+namespace {
+
+constexpr float kFrame_s = 1.0f / 15;
+
+TEST(FrameFit, UsualFramesFitWhateverTheCamera) {
+  test::Random random;
+  for (const float usual_px : {0.1f, 0.4f}) {
+    FrameFit fit;
+    for (int i = 0; i < 600; ++i) {
+      // Within 25 % of the usual value: from the smallest to the largest by 1.67, under the limit of 1.7 whatever the
+      // first frame was.
+      EXPECT_TRUE(fit.fits(usual_px * static_cast<float>(random.uniform(0.75, 1.25)), kFrame_s))
+          << usual_px << " " << i;
+    }
+  }
+}
+
+TEST(FrameFit, AJumpDoesNotFitAndTheOldOnesDoAfterwards) {
+  FrameFit fit;
+  for (int i = 0; i < 30; ++i) fit.fits(0.2f, kFrame_s);
+  for (int i = 0; i < 30; ++i) EXPECT_FALSE(fit.fits(0.4f, kFrame_s)) << i;  // 2 s
+  for (int i = 0; i < 30; ++i) EXPECT_TRUE(fit.fits(0.2f, kFrame_s)) << i;
+}
+
+TEST(FrameFit, SlowChangesAreFollowedAtAnyFrameRate) {
+  for (const float frame_s : {1.0f / 60, 1.0f / 15}) {
+    FrameFit slow, quick;
+    bool all_fit = true, all_fit_quick = true;
+    for (float t_s = 0; t_s < 20; t_s += frame_s) {
+      all_fit &= slow.fits(0.2f * (1 + 0.1f * t_s), frame_s);  // 10 % a second at most: slower than what is learnt
+      all_fit_quick &= quick.fits(0.2f * (1 + 0.6f * t_s), frame_s);  // reaches 1.7 times what is learnt after 1.7 s
+    }
+    EXPECT_TRUE(all_fit) << frame_s;
+    EXPECT_FALSE(all_fit_quick) << frame_s;
+  }
+}
+
+TEST(FrameFit, WhatLastsBecomesUsual) {
+  FrameFit fit;
+  for (int i = 0; i < 30; ++i) fit.fits(0.2f, kFrame_s);
+  int refused = 0;
+  while (refused < 1000 && !fit.fits(0.5f, kFrame_s)) ++refused;
+  EXPECT_NEAR(static_cast<float>(refused) * kFrame_s, 3.0f, 2 * kFrame_s);
+}
+
+TEST(FrameFit, APerfectFirstFrameDoesNotBlockTheMap) {
+  FrameFit fit;
+  int refused = 0;
+  for (int i = 0; i < 60; ++i) refused += !fit.fits(i == 0 ? 0.0f : 0.2f, kFrame_s);
+  EXPECT_EQ(refused, 0);  // nothing is learnt from a residual of zero
+}
+
+}  // namespace
+}  // namespace pptam
