@@ -17,6 +17,7 @@ namespace {
 
 constexpr int64_t kLook_ns = 50'000'000;            // between two looks at keys and signals while nothing happens
 constexpr int64_t kFirstFrame_ns = 10'000'000'000;  // for a camera that is not there yet, or takes its time
+constexpr int kMostStale = 8;  // frames in a row: more come of a camera whose stamps are late, and are taken
 
 class LiveRun {
  public:
@@ -35,15 +36,16 @@ class LiveRun {
       throw;
     }
     begun_ns_ = clock_.now_ns();
-    do {
-      track(frame);
-    } while (!over_ && next_frame(&frame));
+    for (bool there = fresh_frame(&frame); there && !over_; there = next_frame(&frame)) track(frame);
     return finish();
   }
 
  private:
   void first_frame(Frame* frame);
   bool next_frame(Frame* frame);
+  bool fresh_frame(Frame* frame);
+  bool stale() const;
+  void map_slice();
   void build();
   void track(const Frame& frame);
   bool meet(CameraEvent event);
@@ -112,13 +114,14 @@ void LiveRun::build() {
   if (options_.run.lock_map) system_->set_locked(true);
 }
 
-// False at the end. The time until it comes is mapping's.
+// False at the end. The time until it comes is mapping's, a slice at least: where frames come faster than they are
+// tracked there would be no map.
 bool LiveRun::next_frame(Frame* frame) {
   for (;;) {
     if (interrupted() || over_) return false;
     if (observer_.key) press(observer_.key());
-    System& system = *session_.system;
-    const bool busy = system.has_work();
+    const bool busy = session_.system->has_work();
+    if (busy) map_slice();
     const CameraEvent event = camera_.wait(frame, busy ? 0 : clock_.now_ns() + kLook_ns);
     if (event == CameraEvent::kFrame) return true;
     if (!meet(event)) return false;
@@ -127,12 +130,30 @@ bool LiveRun::next_frame(Frame* frame) {
         1e-9 * static_cast<double>(clock_.now_ns() - begun_ns_) >= options_.duration_s) {
       return false;
     }
-    if (!busy) continue;
-    const int64_t from_ns = clock_.now_ns();
-    system_->work_slice();
-    ++slices_;
-    mapping_ns_ += clock_.now_ns() - from_ns;
   }
+}
+
+void LiveRun::map_slice() {
+  const int64_t from_ns = clock_.now_ns();
+  system_->work_slice();
+  ++slices_;
+  mapping_ns_ += clock_.now_ns() - from_ns;
+}
+
+// Of a live source, by now.
+bool LiveRun::stale() const {
+  const double rate = camera_.info().frames_per_s;
+  const int64_t arrived_ns = camera_.status().arrived_ns;
+  return arrived_ns != 0 && rate > 0 && 1e-9 * static_cast<double>(clock_.now_ns() - arrived_ns) > 1 / rate;
+}
+
+// While the system was built the driver ran out of buffers: what lies in them is older than the next frame to come.
+bool LiveRun::fresh_frame(Frame* frame) {
+  for (int i = 0; i < kMostStale && stale(); ++i) {
+    camera_.give_back();
+    if (!next_frame(frame)) return false;
+  }
+  return true;
 }
 
 bool LiveRun::meet(CameraEvent event) {

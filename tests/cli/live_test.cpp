@@ -73,7 +73,7 @@ class HastyCamera : public Camera {
     if (gone_ > 0) return --gone_ == 0 ? CameraEvent::kReplugged : CameraEvent::kTimeout;
     if (random_() % 25 != 0) return CameraEvent::kTimeout;
     *frame = recording_.frame(next_++);
-    status_.arrived_ns = SteadyClock().now_ns();
+    if (stale > 0) status_.arrived_ns = SteadyClock().now_ns() - (next_ <= stale ? 1'000'000'000 : 0);
     return CameraEvent::kFrame;
   }
   CameraStatus status() const override { return status_; }
@@ -81,6 +81,7 @@ class HastyCamera : public Camera {
   int next() const { return next_; }
   int pull_out_before = -1;
   bool stays_away = false;
+  int stale = 0;  // the first frames, so many, are a second old; 0: no age is known
 
  private:
   const test::Recording& recording_;
@@ -406,7 +407,7 @@ TEST_F(Live, AStartThatFailsLeavesNoRecording) {
   EXPECT_TRUE(fs::is_empty(at("there")));
 
   LiveOptions options;
-  options.record = at("record").string();
+  options.record = (at("record") / "above" / "it").string();
   LiveObserver observer;
   observer.on_start = [](const CameraInfo&) { throw InputError("no place for poses"); };
   HastyCamera camera(desk(), 12);
@@ -449,6 +450,21 @@ TEST_F(Live, ACameraThatIsPulledOutIsWaitedFor) {
   EXPECT_TRUE(holds(said, "hasty: pulled out; waiting")) << said;
   EXPECT_TRUE(holds(said, "is back")) << said;
   expect_same(lived.result.log, repeat(at("recording")));
+}
+
+// What came while the system was built is passed over, but not every frame of a camera whose stamps are late.
+TEST_F(Live, TheFirstFrameTrackedIsFresh) {
+  for (const auto& [stale, skipped] : {std::pair(3, 3), std::pair(1000, 8)}) {
+    HastyCamera camera(desk(), 1);
+    camera.stale = stale;
+    LiveObserver observer;
+    observer.on_start = [](const CameraInfo&) {};
+    LiveOptions options;
+    options.keep_frames = true;
+    const LiveResult result = run_live(camera, options, observer);
+    ASSERT_FALSE(result.log.frames.empty());
+    EXPECT_EQ(result.log.frames.front().timestamp_ns, desk().timestamps_ns[static_cast<size_t>(skipped)]);
+  }
 }
 
 TEST(AgesOfPoses, Shares) {
