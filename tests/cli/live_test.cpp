@@ -71,7 +71,7 @@ class HastyCamera : public Camera {
     }
     if (gone_ > 0 && stays_away) return CameraEvent::kTimeout;
     if (gone_ > 0) return --gone_ == 0 ? CameraEvent::kReplugged : CameraEvent::kTimeout;
-    if (random_() % 25 != 0) return CameraEvent::kTimeout;
+    if (random_() % 25 != 0 && !always) return CameraEvent::kTimeout;
     *frame = recording_.frame(next_++);
     if (stale > 0) status_.arrived_ns = SteadyClock().now_ns() - (next_ <= stale ? 1'000'000'000 : 0);
     return CameraEvent::kFrame;
@@ -81,7 +81,8 @@ class HastyCamera : public Camera {
   int next() const { return next_; }
   int pull_out_before = -1;
   bool stays_away = false;
-  int stale = 0;  // the first frames, so many, are a second old; 0: no age is known
+  bool always = false;  // the next frame is always there
+  int stale = 0;        // the first frames, so many, are a second old; 0: no age is known
 
  private:
   const test::Recording& recording_;
@@ -465,6 +466,24 @@ TEST_F(Live, TheFirstFrameTrackedIsFresh) {
     ASSERT_FALSE(result.log.frames.empty());
     EXPECT_EQ(result.log.frames.front().timestamp_ns, desk().timestamps_ns[static_cast<size_t>(skipped)]);
   }
+}
+
+// One slice before each frame, and no more.
+TEST_F(Live, MappingGoesOnWithoutAnyIdleTime) {
+  HastyCamera camera(desk(), 1);
+  camera.always = true;
+  LiveObserver observer;
+  observer.on_start = [](const CameraInfo&) {};
+  LiveOptions options;
+  options.run.auto_start = true;
+  options.keep_frames = true;
+  const LiveResult result = run_live(camera, options, observer);
+  int slices = 0;
+  for (const FrameLog& frame : result.log.frames) {
+    EXPECT_LE(frame.idle_slices, 1);
+    slices += frame.idle_slices;
+  }
+  EXPECT_GT(slices, 20);
 }
 
 TEST(AgesOfPoses, Shares) {
