@@ -15,8 +15,8 @@ Without options the presets below, one after the other:
   sanitize  unit, kernel, map file, bits and API    aarch64   the same on a 64-bit Cortex-A53
             tests by clang with sanitizers
 --all: besides, the tests of sanitize by clang without them, the unit tests on every processor, the studies whole that
-are otherwise sampled, libcamera in an emulated PC, and the whole program for boards with Debian, emulated:
-board-arm64, board-armhf, board-armel.
+are otherwise sampled, in an emulated PC cameras with sanitizers and libcamera, and the whole program for boards with
+Debian, emulated: board-arm64, board-armhf, board-armel.
 With other options one preset, test if none is named; those that are not known here go to ctest:
   tests/run.sh -L unit                   only the tests of one folder: unit, kernels, map_file, budget, scenario,
                                          calibrate, cli, platform
@@ -141,6 +141,8 @@ for preset in "${presets[@]}"; do
   esac
   if [[ -n "${PPTAM_ALL:-}" && "$preset" =~ ^(arm|aarch) ]]; then
     targets+=(unit_tests) labels="${labels/(/(unit|}"
+  elif [[ -n "${PPTAM_ALL:-}" && "$preset" == sanitize ]]; then
+    targets+=(vivid_tests) labels="${labels/(/(vivid|}"
   fi
   echo "== $preset: building"
   if ! cmake --preset "$preset" --log-level=WARNING >/dev/null ||

@@ -10,7 +10,8 @@ Boots Debian's kernel in an emulated computer with the programs in the folder BU
   vivid      our V4L2 camera on the driver vivid: formats, sizes, times, and every fault that vivid can inject
   usb        a USB camera by uvcvideo: all its formats; then pocket-ptam live, to which it shows the emulated phone's
              desk at 320x240, 15 Hz, while it is pulled out and plugged in again: pixels, accuracy, ages, recording
-  libcamera  pocket-ptam live on Debian 13's kernel and libcamera, whose pipeline "virtual" shows pictures of the desk
+  libcamera  pocket-ptam live by libcamera of Debian 12 and 13, on their kernels: the USB camera; and pictures of the desk
+             that 13's pipeline "virtual" shows
   pi         as usb on an emulated Raspberry Pi Zero, with the program in build/board-armel; BUILD is this computer's
 --fetch: fetches Debian's kernel, and libcamera, for one of these.
 The exit code is 0 when all holds, 77 when a package or program could not be had; what the guest wrote stays in
@@ -30,7 +31,11 @@ if (($# != 2)); then
 fi
 if [[ "$1" == --fetch ]]; then
   case "$2" in
-    libcamera) "$here/boot.sh" --suite trixie --fetch && guest_libcamera trixie "" >/dev/null ;;
+    libcamera)
+      for suite in bookworm trixie; do
+        "$here/boot.sh" --suite $suite --fetch && guest_libcamera $suite "" >/dev/null
+      done
+      ;;
     pi) "$here/boot.sh" --machine raspi0 --fetch ;;
     *) "$here/boot.sh" --fetch ;;
   esac
@@ -64,20 +69,22 @@ make_clip() {
   "$programs/grey_frames" 0 "$out/clip" "$out/upright.grey"
 }
 
-# All frames are sent in order; those that come while the program is busy are dropped. On standard input: what comes first.
-write_guest_script() {
-  cat >"$out/guest.sh" <<GUEST
-# plug LOG OPTION...
-plug() {
-  log=\$1
+# plug LOG OPTION...: all frames are sent in order; those that come while the program is busy are dropped.
+plug='plug() {
+  log=$1
   shift
-  usb_camera "\$@" sent.grey >\$log 2>&1 &
-  camera=\$!
-  for i in \$(seq 100); do
+  usb_camera "$@" sent.grey >$log 2>&1 &
+  camera=$!
+  for i in $(seq 100); do
     [ -e /dev/video0 ] && return
     usleep 100000
   done
-}
+}'
+
+# On standard input: what comes first.
+write_guest_script() {
+  cat >"$out/guest.sh" <<GUEST
+$plug
 $(cat)
 plug /out/camera.txt --count $pulled_after
 pocket-ptam cameras 2>&1
@@ -230,14 +237,64 @@ make_pictures() {
   done
 }
 
-test_libcamera() {
-  [[ -n "${PPTAM_ALL:-}" ]] || skip "tests/run.sh --all runs it, or PPTAM_ALL=1 tests/platform/drivers.sh"
-  local libcamera module=$out/pocket-ptam-libcamera.so kinds
-  libcamera=$(guest_libcamera trixie offline)
+# use_libcamera SUITE: our module for that libcamera, and boot.sh's options for both.
+use_libcamera() {
+  local libcamera module=$out/$1/pocket-ptam-libcamera.so
+  mkdir -p "$out/$1"
+  libcamera=$(guest_libcamera "$1" offline)
   g++ -std=c++20 -O2 -fPIC -shared -ffp-contract=off -D EIGEN_DONT_VECTORIZE -I "$here/../.." -I "$here/../../core" \
     $(pkg-config --cflags eigen3) -isystem "$libcamera/usr/include/libcamera" \
     "$here/../../platform/camera/libcamera_device.cpp" -o "$module" -L "$libcamera/usr/lib/x86_64-linux-gnu" -lcamera \
     -lcamera-base -Wl,--allow-shlib-undefined
+  libcamera_options=(--suite "$1" --root "$libcamera" --program "$build/pocket-ptam" --file "$module:/bin/${module##*/}")
+}
+
+check_libcamera_run() {
+  local kinds poses
+  cat "$out/live.txt"
+  kinds=$(cut -d ' ' -f 2 "$out/numbers.txt" | sort -u | wc -l)
+  poses=$(wc -l <"$out/poses.txt")
+  echo "$(wc -l <"$out/numbers.txt") frames tracked, $kinds different pictures; $poses poses"
+  ((kinds >= 50)) || fail "only $kinds of the pictures were seen"
+  ((poses >= 20)) || fail "only $poses poses"
+  grep -q "libcamera's SensorTimestamp" "$out/live.txt" || fail "the times are not SensorTimestamp"
+  check_recording
+}
+
+test_libcamera_usb() {
+  use_libcamera "$1"
+  cat >"$out/guest.sh" <<GUEST
+$plug
+export LIBCAMERA_LOG_LEVELS=*:ERROR
+plug /out/camera.txt
+# libcamera names a camera by the firmware's name of its host controller, which this one has not.
+controller=/sys/devices/platform/vhci_hcd.0
+mkdir -p /tmp/named/firmware_node /tmp/work /tmp/usb1
+echo emulated >/tmp/named/firmware_node/path
+mount --bind \$controller/usb1 /tmp/usb1
+mount -t overlay -o lowerdir=\$controller,upperdir=/tmp/named,workdir=/tmp/work overlay \$controller
+mount --bind /tmp/usb1 \$controller/usb1
+mkdir -p /run/udev/data  # libcamera passes over what udevd has not seen
+for device in /sys/bus/media/devices/*/dev /sys/class/video4linux/*/dev; do
+  echo I:1 >/run/udev/data/c\$(cat \$device)
+done
+pocket-ptam cameras
+pocket-ptam live --camera libcamera:0 --mode YUYV:320x240 --calibration sent.grey.yaml --rotate 90 --exposure 0.03 \\
+  --duration 8 --record /out/recording >/out/poses.txt 2>/out/live.txt
+GUEST
+  "$here/boot.sh" --offline "${libcamera_options[@]}" --module vhci_hcd --module uvcvideo --module overlay --program "$programs/usb_camera" \
+    --file "$out/sent.grey" --file "$out/sent.grey.yaml" --script "$out/guest.sh" --out "$out"
+  number_frames 0
+  check_libcamera_run
+  rm -r "$out/recording" "$out/replayed"
+}
+
+test_libcamera() {
+  [[ -n "${PPTAM_ALL:-}" ]] || skip "tests/run.sh --all runs it, or PPTAM_ALL=1 tests/platform/drivers.sh"
+  make_clip
+  test_libcamera_usb bookworm
+  test_libcamera_usb trixie
+  rm -r "$out/clip"
   make_pictures
   cat >"$out/virtual.yaml" <<'YAML'
 "Virtual":
@@ -256,17 +313,10 @@ pocket-ptam live --camera libcamera:0 --size 240x320 --calibration calibration.y
   --record /out/recording >/out/poses.txt 2>/out/live.txt
 GUEST
   # So slow that a second shows 20 to 30 pictures.
-  "$here/boot.sh" --offline --suite trixie --shift 4 --program "$build/pocket-ptam" --file "$module:/bin/${module##*/}" \
-    --file "$out/pictures" --file "$out/clip/calibration.yaml" --root "$libcamera" \
+  "$here/boot.sh" --offline "${libcamera_options[@]}" --shift 4 --file "$out/pictures" --file "$out/clip/calibration.yaml" \
     --file "$out/virtual.yaml:/usr/share/libcamera/pipeline/virtual/virtual.yaml" --script "$out/guest.sh" --out "$out"
-  cat "$out/live.txt"
   number_frames 1  # JPEG is decoded by a quick transform there, by an exact one here
-  kinds=$(cut -d ' ' -f 2 "$out/numbers.txt" | sort -u | wc -l)
-  echo "$(wc -l <"$out/numbers.txt") frames tracked, $kinds different pictures; $(wc -l <"$out/poses.txt") poses"
-  ((kinds >= 20)) || fail "only $kinds of the pictures were seen"
-  grep -q "libcamera's SensorTimestamp" "$out/live.txt" || fail "the times are not SensorTimestamp"
-  [[ -s "$out/poses.txt" ]] || fail "no poses"
-  check_recording
+  check_libcamera_run
 }
 
 case "$name" in

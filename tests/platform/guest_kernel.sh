@@ -106,18 +106,18 @@ guest_libcamera() {
     [[ -z "$offline" ]] || skip "Debian $suite's libcamera is not here; PPTAM_ALL=1 tests/platform/drivers.sh --fetch"
     need_commands apt-get:apt dpkg-deb:dpkg
     rm -rf "$folder.new"
-    mkdir -p "$folder.new" "$folder.debs/partial"
+    mkdir -p "$folder.new"/usr/lib{,64} "$folder.debs/partial"
+    ln -s usr/lib usr/lib64 "$folder.new"  # as Debian 13's packages have it; 12's have both
     echo "boot.sh: fetching Debian $suite's libcamera" >&2
     private_apt "$suite" amd64 apt-get update >&2 || true  # when it could not, the next line tells
     private_apt "$suite" amd64 apt-get install -y --download-only --no-install-recommends \
       -o Dir::Cache::archives="$folder.debs" libcamera-dev >&2 || skip "Debian $suite's libcamera cannot be had"
     for deb in "$folder.debs"/*.deb; do
-      dpkg-deb -x "$deb" "$folder.new"
+      dpkg-deb --fsys-tarfile "$deb" | tar -x -C "$folder.new" --keep-directory-symlink --exclude=./usr/share
     done
-    rm -rf "$folder.debs" "$folder.new/usr/share"
+    rm -r "$folder.debs" "$folder.new"/lib{,64}
     mkdir "$folder.new/lib64"  # where programs look for their loader
-    cp -L "$folder.new"/usr/lib/x86_64-linux-gnu/ld-linux-x86-64.so.2 "$folder.new/lib64/"
-    rm -rf "$folder.new/usr/lib64"
+    cp -L "$folder.new/usr/lib/x86_64-linux-gnu/ld-linux-x86-64.so.2" "$folder.new/lib64/"
     mv "$folder.new" "$folder"
   fi
   echo "$folder"
