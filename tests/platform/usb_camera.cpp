@@ -9,10 +9,6 @@
 //
 // USB/IP: Linux's Documentation/usb/usbip_protocol.rst. Everything comes through one socket, and one thread answers it
 // in order: the control endpoint's requests at once, those for images when there are some.
-// clang-format off
-#include <cstdio>
-#include <jpeglib.h>  // needs cstdio before it
-// clang-format on
 #include <arpa/inet.h>
 #include <linux/usb/ch9.h>
 #include <poll.h>
@@ -23,6 +19,7 @@
 #include <array>
 #include <cerrno>
 #include <cstdint>
+#include <cstdio>
 #include <cstdlib>
 #include <cstring>
 #include <ctime>
@@ -32,6 +29,8 @@
 #include <iterator>
 #include <string>
 #include <vector>
+
+#include "tests/support/jpeg.h"
 
 namespace {
 
@@ -158,7 +157,7 @@ Bytes format_descriptors(uint8_t index) {
   Bytes all;
   if (format.guid_start != nullptr) {
     all = {27, 0x24, 0x04, index, 2};
-    all.insert(all.end(), format.guid_start, format.guid_start + 4);
+    for (int i = 0; i < 4; ++i) all.push_back(static_cast<uint8_t>(format.guid_start[i]));
     append(&all, {0x00, 0x00, 0x10, 0x00, 0x80, 0x00, 0x00, 0xaa, 0x00, 0x38, 0x9b, 0x71});
     append(&all, {format.bits_per_pixel, 1, 0, 0, 0, 0});
   } else {
@@ -281,33 +280,6 @@ Bytes answer(const usb_ctrlrequest& setup) {
   return {};
 }
 
-// One grey image as JPEG without losses but rounding.
-Bytes jpeg(int width, int height, Bytes grey) {
-  jpeg_compress_struct coder{};
-  jpeg_error_mgr errors{};
-  coder.err = jpeg_std_error(&errors);
-  jpeg_create_compress(&coder);
-  unsigned char* data = nullptr;
-  unsigned long bytes = 0;
-  jpeg_mem_dest(&coder, &data, &bytes);
-  coder.image_width = static_cast<JDIMENSION>(width);
-  coder.image_height = static_cast<JDIMENSION>(height);
-  coder.input_components = 1;
-  coder.in_color_space = JCS_GRAYSCALE;
-  jpeg_set_defaults(&coder);
-  jpeg_set_quality(&coder, 100, TRUE);
-  jpeg_start_compress(&coder, TRUE);
-  while (coder.next_scanline < coder.image_height) {
-    JSAMPROW row = &grey[coder.next_scanline * coder.image_width];
-    jpeg_write_scanlines(&coder, &row, 1);
-  }
-  jpeg_finish_compress(&coder);
-  Bytes all(data, data + bytes);
-  jpeg_destroy_compress(&coder);
-  std::free(data);
-  return all;
-}
-
 // One image of the file in the format and size that the host chose; chroma is grey.
 Bytes image(Choice choice, const Bytes& grey) {
   const size_t times = choice.scale, source_width = static_cast<size_t>(settings.width);
@@ -319,7 +291,7 @@ Bytes image(Choice choice, const Bytes& grey) {
   for (size_t y = 0; y < height; ++y) {
     for (size_t x = 0; x < width; ++x) all[(y * width + x) * step] = grey[y / times * source_width + x / times];
   }
-  return compressed ? jpeg(static_cast<int>(width), static_cast<int>(height), std::move(all)) : all;
+  return compressed ? pptam::test::encode_jpeg(static_cast<int>(width), static_cast<int>(height), all, 100) : all;
 }
 
 // The first bytes of data go with it when the host reads and is not refused.
