@@ -10,7 +10,8 @@ usage() {
 Usage: tests/platform/boot.sh [OPTIONS] --script FILE
        tests/platform/boot.sh [--machine NAME] [--suite NAME] --fetch
 Boots Debian's kernel in qemu, loads modules, runs FILE by busybox's sh as root and prints what the serial console says.
-Time in there is that of the instructions executed: nothing is late because this computer is slow or busy. The exit code is the script's.
+Time in there is that of the instructions executed: nothing is late because this computer is slow or busy. The exit code
+is the script's.
   --machine NAME       pc (x86-64, default) or raspi0 (Raspberry Pi Zero, ARM1176)
   --shift N            an instruction takes 2^N ns; 2 when not given, of raspi0 3
   --suite NAME         Debian's suite of the kernel: bookworm (default), trixie
@@ -180,14 +181,14 @@ arguments="quiet loglevel=4 panic=-1 no_timer_check"
 computer=(-nodefaults -no-user-config -no-reboot -display none -serial stdio -initrd "$scratch/initramfs.cpio")
 case "$machine" in
   pc)  # with rdrand, as without entropy a program that asks for random numbers waits for seconds
-    computer=(qemu-system-x86_64 "${computer[@]}" -accel tcg -icount "shift=${ns_shift:-2},sleep=off" -cpu qemu64,+rdrand -m "$memory"
-      -kernel "$kernel/vmlinux" -append "console=ttyS0 tsc=reliable $arguments"
+    computer=(qemu-system-x86_64 "${computer[@]}" -accel tcg -icount "shift=${ns_shift:-2},sleep=off"
+      -cpu qemu64,+rdrand -m "$memory" -kernel "$kernel/vmlinux" -append "console=ttyS0 tsc=reliable $arguments"
       -drive "if=virtio,format=raw,file=$scratch/disk")
     ;;
   raspi0)  # the emulated board has no such power domains
     arguments="console=ttyAMA0 initcall_blacklist=bcm2835_power_driver_init $arguments"
-    computer=(qemu-system-arm "${computer[@]}" -machine raspi0 -icount "shift=${ns_shift:-3},sleep=off" -kernel "$kernel/vmlinuz"
-      -dtb "$kernel/bcm2835-rpi-zero.dtb" -append "$arguments"
+    computer=(qemu-system-arm "${computer[@]}" -machine raspi0 -icount "shift=${ns_shift:-3},sleep=off"
+      -kernel "$kernel/vmlinuz" -dtb "$kernel/bcm2835-rpi-zero.dtb" -append "$arguments"
       -drive "if=sd,format=raw,file=$scratch/disk")
     ;;
 esac

@@ -10,8 +10,8 @@ Boots Debian's kernel in an emulated computer with the programs in the folder BU
   vivid      our V4L2 camera on the driver vivid: formats, sizes, times, and every fault that vivid can inject
   usb        a USB camera by uvcvideo: all its formats; then pocket-ptam live, to which it shows the emulated phone's
              desk at 320x240, 15 Hz, while it is pulled out and plugged in again: pixels, accuracy, ages, recording
-  libcamera  pocket-ptam live by libcamera of Debian 12 and 13, on their kernels: the USB camera; and pictures of the desk
-             that 13's pipeline "virtual" shows
+  libcamera  pocket-ptam live by libcamera of Debian 12 and 13, on their kernels: the USB camera; and pictures of the
+             desk that 13's pipeline "virtual" shows
   pi         as usb on an emulated Raspberry Pi Zero, with the program in build/board-armel; BUILD is this computer's
 --fetch: fetches Debian's kernel, and libcamera, for one of these.
 The exit code is 0 when all holds, 77 when a package or program could not be had; what the guest wrote stays in
@@ -61,10 +61,14 @@ test_vivid() {
 
 frames=180 pulled_after=110
 
+# render SIM_OPTION...: the clip.
+render() {
+  "$build/pocket-ptam" sim "$@" --dump "$out/clip" >"$out/clip.txt" 2>&1 || { cat "$out/clip.txt"; exit 1; }
+}
+
 # What the camera shows: the clip lies on its side there, as on the phone's sensor, and live turns it upright.
 make_clip() {
-  "$build/pocket-ptam" sim --duration $((frames / 15)) --dump "$out/clip" >"$out/clip.txt" 2>&1 ||
-    { cat "$out/clip.txt"; exit 1; }
+  render --duration $((frames / 15))
   "$programs/grey_frames" 270 "$out/clip" "$out/sent.grey"
   "$programs/grey_frames" 0 "$out/clip" "$out/upright.grey"
 }
@@ -111,8 +115,7 @@ number_frames() {
     fail "frames that cannot be told from the next one"
 }
 
-# What the clip's frames that were tracked live give when mapping has all the time that it wants: slow computers track
-# fewer frames, and nothing else is to be different.
+# What the clip's frames that were tracked live give when mapping has all the time that it wants.
 track_at_leisure() {
   cp -r "$out/clip" "$out/leisure"
   awk 'FILENAME ~ /numbers.txt$/ {tracked[$2] = 1; next} /^#/ || ++number in tracked' \
@@ -129,14 +132,16 @@ check_frames() {
     END {print sum + 0}' "$out/numbers.txt")
   left_out=$(awk '$1 == "frames" && $3 == "tracked" {sum = $10 + $15 + $17} END {print sum + 0}' "$out/live.txt")
   poses=$(wc -l <"$out/poses.txt") leisure_poses=$(grep -vc '^#' "$out/reference/trajectory.txt")
-  echo "$sent frames sent, $tracked tracked, $gaps missing between them, $left_out told; $poses poses, at leisure $leisure_poses"
+  echo "$sent frames sent, $tracked tracked, $gaps missing between them, $left_out told;" \
+    "$poses poses, at leisure $leisure_poses"
   awk '$2 <= last {wrong = 1} {last = $2} END {exit wrong}' "$out/numbers.txt" || fail "frames out of order"
   awk -v pulled=$pulled_after '$2 > pulled && ($2 - pulled) % 30 == 0 {wrong = 1} END {exit wrong}' \
     "$out/numbers.txt" || fail "an erroneous frame was tracked"
   # Those before a start's first one, and in the driver's buffers when it is pulled out, are lost unseen.
   ((gaps <= left_out)) || fail "$gaps frames are missing between tracked ones, of which only $left_out are told"
-  ((tracked >= sent / 2)) || fail "of $sent frames only $tracked were tracked; of a computer half as fast it was 162"
-  ((poses >= leisure_poses / 2 && poses > 0)) || fail "$poses poses where the same frames at leisure give $leisure_poses"
+  ((tracked >= sent * 5 / 6)) || fail "of $sent frames only $tracked were tracked"
+  ((poses >= leisure_poses * 5 / 6 && poses > 0)) ||
+    fail "$poses poses where the same frames at leisure give $leisure_poses"
   grep -q 'tracking at the end' "$out/live.txt" || fail "it does not track at the end"
 }
 
@@ -156,8 +161,9 @@ check_recording() {
   grep -v '^#' "$out/replayed/trajectory.txt" | cmp - "$out/poses.txt" || fail "the recording's replay has other poses"
 }
 
-# The truth is known at the times of the clip. What is looked for are frames with wrong times: the control is a path three
-# frames late. By half a frame, a sixth of the control's error, the live path may be worse than the same frames at leisure.
+# The truth is known at the times of the clip. What is looked for are frames with wrong times: the control is a path
+# three frames late. By half a frame, a sixth of the control's error, the live path may be worse than the same frames at
+# leisure.
 check_path() {
   awk '!/^#/ {print $1}' "$out/clip/rgb.txt" >"$out/clip.times"
   awk 'FILENAME ~ /clip.times$/ {clip[FNR] = $1; next}
@@ -178,8 +184,9 @@ error_of() {
 }
 
 check_ages() {
-  awk -v most=$((1000 / 15)) '/^age of a pose/ {late = $7 > most} END {exit !NR || late}' "$out/live.txt" ||
-    fail "more than a twentieth of the poses are older than a frame's period"
+  local worst
+  worst=$(sed -nE 's/^age of a pose .* ([0-9.]+) at worst.*/\1/p' "$out/live.txt")
+  awk -v worst="${worst:-1e9}" 'BEGIN {exit !(worst <= 1000 / 15)}' || fail "a pose is older than a frame's period"
 }
 
 # live_with_usb PROGRAM CAMERA [BOOT OPTION...]: standard input as write_guest_script's.
@@ -223,8 +230,7 @@ test_pi() {
 # walk to and fro, so that there is no jump at the end.
 make_pictures() {
   local count=180 i
-  "$build/pocket-ptam" sim --fps 36 --readout rows:+:0 --exposure 0.01 --duration $((count / 36)) --dump "$out/clip" >"$out/clip.txt" 2>&1 ||
-    { cat "$out/clip.txt"; exit 1; }
+  render --fps 36 --readout rows:+:0 --exposure 0.01 --duration $((count / 36))
   mkdir "$out/clip/frames" "$out/pictures"
   ffmpeg -loglevel error -pattern_type glob -i "$out/clip/rgb/*.png" -vf format=gray,format=yuvj420p -qmin 1 -q:v 1 \
     "$out/clip/frames/%04d.jpg"
@@ -246,7 +252,8 @@ use_libcamera() {
     $(pkg-config --cflags eigen3) -isystem "$libcamera/usr/include/libcamera" \
     "$here/../../platform/camera/libcamera_device.cpp" -o "$module" -L "$libcamera/usr/lib/x86_64-linux-gnu" -lcamera \
     -lcamera-base -Wl,--allow-shlib-undefined
-  libcamera_options=(--suite "$1" --root "$libcamera" --program "$build/pocket-ptam" --file "$module:/bin/${module##*/}")
+  libcamera_options=(--suite "$1" --root "$libcamera" --program "$build/pocket-ptam"
+    --file "$module:/bin/${module##*/}")
 }
 
 check_libcamera_run() {
@@ -282,8 +289,9 @@ pocket-ptam cameras
 pocket-ptam live --camera libcamera:0 --mode YUYV:320x240 --calibration sent.grey.yaml --rotate 90 --exposure 0.03 \\
   --duration 8 --record /out/recording >/out/poses.txt 2>/out/live.txt
 GUEST
-  "$here/boot.sh" --offline "${libcamera_options[@]}" --module vhci_hcd --module uvcvideo --module overlay --program "$programs/usb_camera" \
-    --file "$out/sent.grey" --file "$out/sent.grey.yaml" --script "$out/guest.sh" --out "$out"
+  "$here/boot.sh" --offline "${libcamera_options[@]}" --module vhci_hcd --module uvcvideo --module overlay \
+    --program "$programs/usb_camera" --file "$out/sent.grey" --file "$out/sent.grey.yaml" --script "$out/guest.sh" \
+    --out "$out"
   number_frames 0
   check_libcamera_run
   rm -r "$out/recording" "$out/replayed"
@@ -313,7 +321,8 @@ pocket-ptam live --camera libcamera:0 --size 240x320 --calibration calibration.y
   --record /out/recording >/out/poses.txt 2>/out/live.txt
 GUEST
   # So slow that a second shows 20 to 30 pictures.
-  "$here/boot.sh" --offline "${libcamera_options[@]}" --shift 4 --file "$out/pictures" --file "$out/clip/calibration.yaml" \
+  "$here/boot.sh" --offline "${libcamera_options[@]}" --shift 4 --file "$out/pictures" \
+    --file "$out/clip/calibration.yaml" \
     --file "$out/virtual.yaml:/usr/share/libcamera/pipeline/virtual/virtual.yaml" --script "$out/guest.sh" --out "$out"
   number_frames 1  # JPEG is decoded by a quick transform there, by an exact one here
   check_libcamera_run
