@@ -19,8 +19,10 @@
 #include <iterator>
 #include <map>
 #include <memory>
+#include <numeric>
 #include <random>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "platform/camera/dump_sequence.h"
@@ -465,6 +467,40 @@ TEST_F(Live, TheFirstFrameTrackedIsFresh) {
     const LiveResult result = run_live(camera, options, observer);
     ASSERT_FALSE(result.log.frames.empty());
     EXPECT_EQ(result.log.frames.front().timestamp_ns, desk().timestamps_ns[static_cast<size_t>(skipped)]);
+  }
+}
+
+TEST_F(Live, ALengthBetweenTwoMarksIsSetAndRecorded) {
+  sim::PhoneOptions phone;
+  phone.duration_s = 9;
+  const test::Recording longer = test::record(phone);
+  for (const double length : {0.0, 0.297}) {
+    HastyCamera camera(longer, 7);
+    LiveOptions options;
+    options.length = length;
+    options.keep_frames = true;
+    options.record = at("record" + std::to_string(length)).string();
+    std::vector<std::string> said;
+    int pressed = -1;
+    LiveObserver observer;
+    observer.on_start = [](const CameraInfo&) {};
+    observer.say = [&](const std::string& text) { said.push_back(text); };
+    observer.key = [&] {
+      if (std::exchange(pressed, camera.next()) == camera.next()) return LiveKey::kNothing;
+      return camera.next() == 2 ? LiveKey::kTap : camera.next() >= 50 ? LiveKey::kMark : LiveKey::kNothing;
+    };
+    const RunLog log = run_live(camera, options, observer).log;
+    const std::string all = std::accumulate(said.begin(), said.end(), std::string());
+    SCOPED_TRACE(all);
+    if (length == 0) {
+      EXPECT_TRUE(holds(all, "no length was given"));
+      continue;
+    }
+    EXPECT_TRUE(holds(all, "one end is marked"));
+    EXPECT_TRUE(holds(all, "this end is marked already"));
+    EXPECT_TRUE(holds(all, "the two marks are 0.297 apart from now on"));
+    EXPECT_TRUE(holds(read(fs::path(options.record) / "events.txt"), "\nlength "));
+    expect_same(log, repeat(options.record));
   }
 }
 

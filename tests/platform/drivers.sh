@@ -300,7 +300,11 @@ GUEST
 test_libcamera() {
   [[ -n "${PPTAM_ALL:-}" ]] || skip "tests/run.sh --all runs it, or PPTAM_ALL=1 tests/platform/drivers.sh"
   make_clip
-  test_libcamera_usb bookworm
+  if [[ "$(. /etc/os-release && echo "${VERSION_ID:-}")" == 12 ]]; then
+    test_libcamera_usb bookworm
+  else
+    echo "Debian 12's libcamera is left out: programs of a newer system do not run on its C library"
+  fi
   test_libcamera_usb trixie
   rm -r "$out/clip"
   make_pictures

@@ -103,7 +103,7 @@ guest_kernel() {
 guest_libcamera() {
   local suite=$1 offline=$2 folder=$drivers_dir/libcamera-$1 deb
   if [[ ! -e "$folder" ]]; then
-    [[ -z "$offline" ]] || skip "Debian $suite's libcamera is not here; PPTAM_ALL=1 tests/platform/drivers.sh --fetch"
+    [[ -z "$offline" ]] || skip "Debian $suite's libcamera is not here; tests/platform/drivers.sh --fetch libcamera"
     need_commands apt-get:apt dpkg-deb:dpkg
     rm -rf "$folder.new"
     mkdir -p "$folder.new"/usr/lib{,64} "$folder.debs/partial"
