@@ -37,7 +37,11 @@ if [[ "$1" == --fetch ]]; then
       done
       ;;
     pi) "$here/boot.sh" --machine raspi0 --fetch ;;
-    *) "$here/boot.sh" --fetch ;;
+    vivid | usb) "$here/boot.sh" --fetch ;;
+    *)
+      echo "error: $2 is neither vivid, usb, libcamera nor pi; see --help" >&2
+      exit 2
+      ;;
   esac
   exit
 fi
