@@ -1,6 +1,7 @@
 #include "platform/files.h"
 
 #include <fcntl.h>
+#include <sys/random.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -10,7 +11,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
-#include <random>
+#include <ctime>
 #include <string>
 
 #include "platform/input_error.h"
@@ -55,6 +56,17 @@ bool sync_folder(const std::string& folder, FileOperations& operations) {
   return synced;
 }
 
+// Not to be foretold, so that nobody takes all names beforehand. A computer that has just booted may have no entropy
+// yet, and nobody has to wait for it: O_EXCL alone keeps others' files safe.
+uint64_t draft_number() {
+  uint64_t number = 0;
+  if (::getrandom(&number, sizeof number, GRND_NONBLOCK) == sizeof number) return number;
+  timespec now = {};
+  ::clock_gettime(CLOCK_MONOTONIC, &now);
+  return (static_cast<uint64_t>(now.tv_sec) << 50) ^ (static_cast<uint64_t>(now.tv_nsec) << 20) ^
+         static_cast<uint64_t>(::getpid());
+}
+
 }  // namespace
 
 int FileOperations::open(const char* path, int flags, mode_t mode) {
@@ -88,10 +100,9 @@ Draft::Draft(const std::filesystem::path& file, FileOperations* operations)
   }
   if (std::filesystem::exists(target_, error) && !std::filesystem::is_regular_file(target_, error))
     throw InputError(file.string() + ": cannot be written, there is something that is not a file");
-  std::random_device random;
   do {
     char name[48];
-    std::snprintf(name, sizeof name, ".pocket-ptam-%08x%08x.tmp", random(), random());
+    std::snprintf(name, sizeof name, ".pocket-ptam-%016llx.tmp", static_cast<unsigned long long>(draft_number()));
     path_ = target_.parent_path() / name;
     fd_ = calls_.open(path_.c_str(), O_RDWR | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0666);
   } while (fd_ < 0 && errno == EEXIST);
@@ -157,6 +168,17 @@ void make_folder(const std::filesystem::path& folder, const std::string& option)
   if (error) {
     throw InputError((option.empty() ? "" : option + " ") + folder.string() + ": cannot be made: " + error.message());
   }
+}
+
+std::vector<std::filesystem::path> missing_folders(std::filesystem::path folder) {
+  std::vector<std::filesystem::path> missing;
+  std::error_code error;
+  folder = std::filesystem::absolute(folder, error).lexically_normal();
+  for (; !folder.empty() && !std::filesystem::exists(std::filesystem::symlink_status(folder, error));
+       folder = folder.parent_path()) {
+    missing.insert(missing.begin(), folder);
+  }
+  return missing;
 }
 
 std::filesystem::path module_of_program(const std::string& name) {

@@ -67,6 +67,9 @@ void write_text_atomically(const std::filesystem::path& file, std::string_view c
 // With all folders above it; it may be there already. Throws InputError naming it, after the option that named it.
 void make_folder(const std::filesystem::path& folder, const std::string& option = "");
 
+// Of a folder and those above it the ones that are not there yet, the outermost first.
+std::vector<std::filesystem::path> missing_folders(std::filesystem::path folder);
+
 // A module of the program: beside it, where both are built, or in ../lib/pocket-ptam, where they are installed. Empty:
 // there is none of that name.
 std::filesystem::path module_of_program(const std::string& name);

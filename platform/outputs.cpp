@@ -70,17 +70,6 @@ void try_to_write(const fs::path& beside) {
   Draft(beside).write(content);
 }
 
-// The folders that were missing, the outermost first.
-std::vector<fs::path> missing_folders(fs::path folder) {
-  std::vector<fs::path> missing;
-  std::error_code error;
-  for (folder = fs::absolute(folder, error).lexically_normal(); !folder.empty() && !is_there(folder);
-       folder = folder.parent_path()) {
-    missing.insert(missing.begin(), folder);
-  }
-  return missing;
-}
-
 }  // namespace
 
 void Inputs::add(const std::string& what, const fs::path& file) {

@@ -15,8 +15,8 @@ Without options the presets below, one after the other:
   sanitize  unit, kernel, map file, bits and API    aarch64   the same on a 64-bit Cortex-A53
             tests by clang with sanitizers
 --all: besides, the tests of sanitize by clang without them, the unit tests on every processor, the studies whole that
-are otherwise sampled, a USB camera in an emulated PC, and the whole program for boards with Debian, emulated:
-board-arm64, board-armhf, board-armel.
+are otherwise sampled, in an emulated PC cameras with sanitizers and libcamera, and the whole program for boards with
+Debian, emulated: board-arm64, board-armhf, board-armel.
 With other options one preset, test if none is named; those that are not known here go to ctest:
   tests/run.sh -L unit                   only the tests of one folder: unit, kernels, map_file, budget, scenario,
                                          calibrate, cli, platform
@@ -72,9 +72,11 @@ for preset in "${presets[@]}"; do
   esac
 done
 install_packages "${packages[@]}"
-if [[ " ${presets[*]} " == *" test "* ]]; then
-  install_packages "${driver_packages[@]}" || echo "the tests on drivers of a real kernel will be skipped"
-fi
+for preset in test board-armel; do
+  [[ " ${presets[*]} " == *" $preset "* ]] || continue
+  [[ "$preset" == test ]] && packages=("${driver_packages[@]}") || packages=("${board_driver_packages[@]}")
+  install_packages "${packages[@]}" || echo "the tests on drivers of a real kernel will be skipped"
+done
 
 passed=0 failed=0 skipped=0
 count() {  # passed, failed, skipped
@@ -139,6 +141,8 @@ for preset in "${presets[@]}"; do
   esac
   if [[ -n "${PPTAM_ALL:-}" && "$preset" =~ ^(arm|aarch) ]]; then
     targets+=(unit_tests) labels="${labels/(/(unit|}"
+  elif [[ -n "${PPTAM_ALL:-}" && "$preset" == sanitize ]]; then
+    targets+=(vivid_tests) labels="${labels/(/(vivid|}"
   fi
   echo "== $preset: building"
   if ! cmake --preset "$preset" --log-level=WARNING >/dev/null ||
@@ -151,7 +155,11 @@ for preset in "${presets[@]}"; do
   log="build/$preset/tests.log"
   # Not within a test's time.
   if [[ "$preset" == test ]] && ctest --preset test ${options[@]:+"${options[@]}"} -N | grep ': platform\.' >/dev/null; then
-    timeout 900 tests/platform/boot.sh --fetch || echo "the tests on drivers of a real kernel will be skipped"
+    for name in usb ${PPTAM_ALL:+libcamera}; do
+      timeout 900 tests/platform/drivers.sh --fetch "$name" || echo "tests on drivers of a real kernel will be skipped"
+    done
+  elif [[ "$preset" == board-armel ]]; then
+    timeout 900 tests/platform/drivers.sh --fetch pi || echo "the emulated Raspberry Pi will be skipped"
   fi
   ctest --preset "$preset" ${labels:+-L "$labels"} ${options[@]:+"${options[@]}"} 2>&1 | tee "$log" || true
   # ctest: "98% tests passed, 2 tests failed out of 100", in which skipped ones count as passed; nothing when it ran none.

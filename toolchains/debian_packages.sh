@@ -23,6 +23,7 @@ fuzz_packages=("${sanitize_packages[@]}")
 driver_packages=(                                       # tests/platform boots Debian's kernels with our programs
   qemu-system-x86 kmod cpio binutils xz-utils zstd debian-archive-keyring
 )
+board_driver_packages=("${driver_packages[@]}" qemu-system-arm)
 bench_packages=(libbenchmark-dev libceres-dev libopencv-video-dev)  # OpenCV's core and imgproc come with its video
 
 # install_packages NAME...: those that are not installed yet. Calls apt only when one is missing, so that everything

@@ -16,28 +16,9 @@ HELP
   exit 0
 fi
 
-architecture="" build="" folder=""
-while (($# > 0)); do
-  case "$1" in
-    arm64 | armhf | armel) architecture=$1 ;;
-    --build) build=${2:?--build needs a folder}; shift ;;
-    --folder) folder=${2:?--folder needs a folder}; shift ;;
-    *)
-      echo "error: $1 is neither arm64, armhf nor armel, nor an option; see --help" >&2
-      exit 2
-      ;;
-  esac
-  shift
-done
-case "$architecture" in
-  arm64) triplet=aarch64-linux-gnu loader=ld-linux-aarch64.so.1 ;;
-  armhf) triplet=arm-linux-gnueabihf loader=ld-linux-armhf.so.3 ;;
-  armel) triplet=arm-linux-gnueabi loader=ld-linux.so.3 ;;
-  *)
-    echo "error: which board? arm64, armhf or armel; see --help" >&2
-    exit 2
-    ;;
-esac
+source toolchains/boards.sh
+build="" folder=""
+read_board_options "build folder" "$@"
 build=${build:-build/board-$architecture}
 folder=$(realpath -m "${folder:-build/boards/$architecture}")
 if [[ ! -x "$build/pocket-ptam" ]]; then

@@ -18,28 +18,9 @@ HELP
   exit 0
 fi
 
-architecture="" suite=bookworm folder=""
-while (($# > 0)); do
-  case "$1" in
-    arm64 | armhf | armel) architecture=$1 ;;
-    --suite) suite=${2:?--suite needs bookworm or trixie}; shift ;;
-    --folder) folder=${2:?--folder needs a folder}; shift ;;
-    *)
-      echo "error: $1 is neither arm64, armhf nor armel, nor an option; see --help" >&2
-      exit 2
-      ;;
-  esac
-  shift
-done
-case "$architecture" in
-  arm64) triplet=aarch64-linux-gnu emulator=qemu-aarch64 ;;
-  armhf) triplet=arm-linux-gnueabihf emulator=qemu-arm ;;
-  armel) triplet=arm-linux-gnueabi emulator=qemu-arm ;;
-  *)
-    echo "error: which board? arm64, armhf or armel; see --help" >&2
-    exit 2
-    ;;
-esac
+source toolchains/boards.sh
+suite=bookworm folder=""
+read_board_options "suite folder" "$@"
 if [[ "$suite" != bookworm && "$suite" != trixie ]]; then
   echo "error: --suite needs one of bookworm, trixie; see --help" >&2
   exit 2

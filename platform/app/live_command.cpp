@@ -96,6 +96,8 @@ LiveKey key_of(char character) {
       return LiveKey::kReset;
     case 'l':
       return LiveKey::kLock;
+    case 'm':
+      return LiveKey::kMark;
     case 's':
       return LiveKey::kSave;
     case 'q':
@@ -244,7 +246,7 @@ class LiveSession {
       started_ = true;
       poses_ = open_poses(chosen_, output_.poses());
       status_.say(info.name + format(": tracking %dx%d", info.model.width, info.model.height) +
-                  (keys.terminal() ? "; keys: t tap, r reset, l lock, s save map, q quit" : ""));
+                  (keys.terminal() ? "; keys: t tap, r reset, l lock, m mark, s save map, q quit" : ""));
     };
     observer.key = [&keys] { return key_of(keys.next()); };
     observer.on_result = [&](const TrackResult& result, int64_t arrived_ns) {
@@ -340,6 +342,12 @@ void add_live_options(CLI::App* live, LiveChoice* chosen) {
                  "Start when t is pressed, not when the camera is held still");
   live->add_option("--plane-distance", run.plane_distance,
                    "Of the first view from the dominant plane, in any unit: sets the map's scale")
+      ->check(CLI::Range(0.001, 1000.0))
+      ->type_name("LENGTH");
+  live->add_option(
+          "--length", chosen->live.length,
+          "Between two points of the scene, in any unit, to set the map's scale: aim the image's middle at each "
+          "and press m")
       ->check(CLI::Range(0.001, 1000.0))
       ->type_name("LENGTH");
   live->add_option("--max-keyframes", run.max_keyframes, "Config::max_keyframes [35]")->type_name("N");

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "platform/camera.h"
+#include "platform/text.h"
 
 namespace pptam::platform {
 
@@ -87,6 +88,31 @@ class CameraDevice {
   virtual double exposure_s() const = 0;  // as locked; 0: unknown
   virtual std::string clock() const = 0;  // what its times are: "kernel, end of frame"
   virtual int64_t now_ns() const = 0;     // CLOCK_MONOTONIC
+
+ protected:
+  // What a configuration came to, kept for a device that comes back, which is to be the same as before.
+  Configuration accept(const CameraRequest& wanted, const Configuration& result) {
+    if (result.answer != ConfigurationAnswer::kInvalid)
+      accepted_ = {result.mode.width, result.mode.height, wanted.frames_per_s, result.mode.format};
+    return result;
+  }
+  bool as_accepted(const Configuration& result) const {
+    return result.answer != ConfigurationAnswer::kInvalid && result.mode.width == accepted_.width &&
+           result.mode.height == accepted_.height;
+  }
+
+  CameraRequest accepted_;  // by the last configure()
 };
+
+// "700x500 YUYV became 640x480 YUYV"; empty: size and format are as wanted.
+inline std::string adjustment(const CameraRequest& wanted, const CameraMode& given) {
+  const bool sized = wanted.width > 0 && wanted.height > 0;
+  if ((!sized || (wanted.width == given.width && wanted.height == given.height)) &&
+      (wanted.format.empty() || wanted.format == given.format)) {
+    return "";
+  }
+  return format("%dx%d %s became %dx%d %s", wanted.width, wanted.height, wanted.format.c_str(), given.width,
+                given.height, given.format.c_str());
+}
 
 }  // namespace pptam::platform

@@ -121,7 +121,7 @@ class LibcameraDevice : public CameraDevice {
   ~LibcameraDevice() override { close(); }
 
   CameraDescription describe() override { return description_; }
-  Configuration configure(const CameraRequest& wanted) override;
+  Configuration configure(const CameraRequest& wanted) override { return accept(wanted, set_format(wanted)); }
   void prepare(const SensorRequest& request) override;
   void start() override;
   void stop() noexcept override;
@@ -161,7 +161,6 @@ class LibcameraDevice : public CameraDevice {
   std::unique_ptr<lc::FrameBufferAllocator> allocator_;
   std::vector<std::unique_ptr<lc::Request>> requests_;  // by the buffers' numbers
   std::map<const lc::FrameBuffer*, std::pair<void*, size_t>> mapped_;
-  CameraRequest accepted_;  // by the last configure()
   const Format* format_ = nullptr;
   lc::ControlList sent_;                // all that was set since the start, for a camera that comes back
   lc::ControlList fresh_;               // not sent yet
@@ -253,13 +252,6 @@ bool LibcameraDevice::send(const std::string& name, const T& value) {
   return true;
 }
 
-Configuration LibcameraDevice::configure(const CameraRequest& wanted) {
-  Configuration result = set_format(wanted);
-  if (result.answer != ConfigurationAnswer::kInvalid)
-    accepted_ = {result.mode.width, result.mode.height, wanted.frames_per_s, result.mode.format};
-  return result;
-}
-
 Configuration LibcameraDevice::set_format(const CameraRequest& wanted) {
   Configuration result;
   configuration_ = camera_->generateConfiguration({lc::StreamRole::Viewfinder});
@@ -291,13 +283,10 @@ Configuration LibcameraDevice::set_format(const CameraRequest& wanted) {
   send_rate(wanted.frames_per_s);
   result.mode = {given->name, static_cast<int>(stream.size.width), static_cast<int>(stream.size.height), {}};
   if (control("FrameDurationLimits") != nullptr) result.mode.frames_per_s = {wanted.frames_per_s};
-  if ((wanted.width > 0 && wanted.width != result.mode.width) ||
-      (wanted.height > 0 && wanted.height != result.mode.height) ||
-      (!wanted.format.empty() && wanted.format != given->name)) {
+  const std::string adjusted = adjustment(wanted, result.mode);
+  if (!adjusted.empty()) {
     result.answer = ConfigurationAnswer::kAdjusted;
-    result.text =
-        description_.address + format(": %dx%d %s became %dx%d %s", wanted.width, wanted.height, wanted.format.c_str(),
-                                      result.mode.width, result.mode.height, given->name);
+    result.text = description_.address + ": " + adjusted;
   }
   return result;
 }
@@ -480,9 +469,7 @@ bool LibcameraDevice::find_again() {
   const std::shared_ptr<lc::Camera> found = manager().get(id_);
   if (found == nullptr) return false;
   acquire(found);
-  const Configuration configuration = set_format(accepted_);
-  return configuration.answer != ConfigurationAnswer::kInvalid && configuration.mode.width == accepted_.width &&
-         configuration.mode.height == accepted_.height;
+  return as_accepted(set_format(accepted_));
 }
 
 std::vector<CameraDescription> list_cameras_of_libcamera() {

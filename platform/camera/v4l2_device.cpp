@@ -194,7 +194,7 @@ class V4l2Device : public CameraDevice {
   ~V4l2Device() override { stop(); }
 
   CameraDescription describe() override { return description_; }
-  Configuration configure(const CameraRequest& wanted) override;
+  Configuration configure(const CameraRequest& wanted) override { return accept(wanted, set_format(wanted)); }
   void prepare(const SensorRequest& request) override {
     controls_.prepare(node_->fd(), request);
     can_lock_ = controls_.has_automatic(node_->fd());
@@ -231,7 +231,6 @@ class V4l2Device : public CameraDevice {
   CameraDescription description_;
   std::string bus_;
   std::vector<std::string> others_;  // where cameras of the same name were at the start
-  CameraRequest accepted_;           // by the last configure()
   const Format* format_ = nullptr;
   int width_ = 0, height_ = 0, stride_ = 0;
   bool can_lock_ = false;
@@ -280,13 +279,6 @@ double V4l2Device::set_rate(double frames_per_s) {
   return static_cast<double>(interval.denominator) / interval.numerator;
 }
 
-Configuration V4l2Device::configure(const CameraRequest& wanted) {
-  Configuration result = set_format(wanted);
-  if (result.answer != ConfigurationAnswer::kInvalid)
-    accepted_ = {result.mode.width, result.mode.height, wanted.frames_per_s, result.mode.format};
-  return result;
-}
-
 Configuration V4l2Device::set_format(const CameraRequest& wanted) {
   const std::string& path = node_->path();
   Configuration result;
@@ -328,12 +320,7 @@ Configuration V4l2Device::set_format(const CameraRequest& wanted) {
   const double rate = set_rate(wanted.frames_per_s);
   result.mode = {given->name, width_, height_, {}};
   if (rate > 0) result.mode.frames_per_s = {rate};
-  std::string adjusted;
-  if ((wanted.width > 0 && wanted.width != width_) || (wanted.height > 0 && wanted.height != height_) ||
-      (!wanted.format.empty() && wanted.format != given->name)) {
-    adjusted = format("%dx%d %s became %dx%d %s", wanted.width, wanted.height, wanted.format.c_str(), width_, height_,
-                      given->name);
-  }
+  std::string adjusted = adjustment(wanted, result.mode);
   if (wanted.frames_per_s > 0 && rate > 0 && std::abs(rate / wanted.frames_per_s - 1) > 0.02)
     adjusted += format("%s%.4g frames/s became %.4g", adjusted.empty() ? "" : ", ", wanted.frames_per_s, rate);
   if (!adjusted.empty()) {
@@ -504,11 +491,7 @@ bool V4l2Device::find_again() {
   std::unique_ptr<Node> node = find_node(&place);
   if (node == nullptr) return false;
   node_ = std::move(node);
-  const Configuration configuration = set_format(accepted_);
-  if (configuration.answer == ConfigurationAnswer::kInvalid || width_ != accepted_.width ||
-      height_ != accepted_.height) {
-    return false;
-  }
+  if (!as_accepted(set_format(accepted_))) return false;
   bus_ = place;
   return true;
 }

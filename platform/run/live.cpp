@@ -17,6 +17,25 @@ namespace {
 
 constexpr int64_t kLook_ns = 50'000'000;            // between two looks at keys and signals while nothing happens
 constexpr int64_t kFirstFrame_ns = 10'000'000'000;  // for a camera that is not there yet, or takes its time
+constexpr int kMostStale = 8;  // frames in a row: more come of a camera whose stamps are late, and are taken
+
+// A point that is marked lies within this share of the image's width from its middle: as near as one aims by hand.
+constexpr float kAim = 0.05f;  // not swept
+
+// The map point found nearest to the image's middle.
+std::optional<uint32_t> aimed_point(const TrackResult& result, const CameraModel& model) {
+  const Vector2f middle(0.5f * static_cast<float>(model.width - 1), 0.5f * static_cast<float>(model.height - 1));
+  std::optional<uint32_t> aimed;
+  if (!result.pose_valid) return aimed;
+  float best_px = kAim * static_cast<float>(model.width);
+  for (const ObservedPoint& point : result.points) {
+    const float px = (point.px - middle).norm();
+    if (point.kind != ObservedKind::kInlier || px > best_px) continue;
+    best_px = px;
+    aimed = point.point_id;
+  }
+  return aimed;
+}
 
 class LiveRun {
  public:
@@ -35,19 +54,21 @@ class LiveRun {
       throw;
     }
     begun_ns_ = clock_.now_ns();
-    do {
-      track(frame);
-    } while (!over_ && next_frame(&frame));
+    for (bool there = fresh_frame(&frame); there && !over_; there = next_frame(&frame)) track(frame);
     return finish();
   }
 
  private:
   void first_frame(Frame* frame);
   bool next_frame(Frame* frame);
+  bool fresh_frame(Frame* frame);
+  bool stale() const;
+  void map_slice();
   void build();
   void track(const Frame& frame);
   bool meet(CameraEvent event);
   void press(LiveKey key);
+  void mark();
   void save();
   LiveResult finish();
   void say(const std::string& text) const {
@@ -66,6 +87,8 @@ class LiveRun {
   int64_t begun_ns_ = 0;  // by clock_
   int slices_ = 0;
   int64_t mapping_ns_ = 0;
+  std::optional<uint32_t> aimed_;   // in the last frame, with a length
+  std::optional<uint32_t> marked_;  // one end of the length
   bool over_ = false;
   bool trouble_told_ = false;
 };
@@ -112,13 +135,14 @@ void LiveRun::build() {
   if (options_.run.lock_map) system_->set_locked(true);
 }
 
-// False at the end. The time until it comes is mapping's.
+// False at the end. The time until it comes is mapping's, a slice at least: where frames come faster than they are
+// tracked there would be no map.
 bool LiveRun::next_frame(Frame* frame) {
   for (;;) {
     if (interrupted() || over_) return false;
     if (observer_.key) press(observer_.key());
-    System& system = *session_.system;
-    const bool busy = system.has_work();
+    const bool busy = session_.system->has_work();
+    if (busy) map_slice();
     const CameraEvent event = camera_.wait(frame, busy ? 0 : clock_.now_ns() + kLook_ns);
     if (event == CameraEvent::kFrame) return true;
     if (!meet(event)) return false;
@@ -127,12 +151,30 @@ bool LiveRun::next_frame(Frame* frame) {
         1e-9 * static_cast<double>(clock_.now_ns() - begun_ns_) >= options_.duration_s) {
       return false;
     }
-    if (!busy) continue;
-    const int64_t from_ns = clock_.now_ns();
-    system_->work_slice();
-    ++slices_;
-    mapping_ns_ += clock_.now_ns() - from_ns;
   }
+}
+
+void LiveRun::map_slice() {
+  const int64_t from_ns = clock_.now_ns();
+  system_->work_slice();
+  ++slices_;
+  mapping_ns_ += clock_.now_ns() - from_ns;
+}
+
+// Of a live source, by now.
+bool LiveRun::stale() const {
+  const double rate = camera_.info().frames_per_s;
+  const int64_t arrived_ns = camera_.status().arrived_ns;
+  return arrived_ns != 0 && rate > 0 && 1e-9 * static_cast<double>(clock_.now_ns() - arrived_ns) > 1 / rate;
+}
+
+// While the system was built the driver ran out of buffers: what lies in them is older than the next frame to come.
+bool LiveRun::fresh_frame(Frame* frame) {
+  for (int i = 0; i < kMostStale && stale(); ++i) {
+    camera_.give_back();
+    if (!next_frame(frame)) return false;
+  }
+  return true;
 }
 
 bool LiveRun::meet(CameraEvent event) {
@@ -163,20 +205,38 @@ void LiveRun::press(LiveKey key) {
     case LiveKey::kNothing:
       return;
     case LiveKey::kTap:
+      marked_.reset();
       system_->tap();
       return say("tap: the next frame is the first view; move sideways");
     case LiveKey::kReset:
+      marked_.reset();
       system_->reset();
       return say("reset: everything is forgotten");
     case LiveKey::kLock:
       system_->set_locked(!system.locked());
       return say(system.locked() ? "the map is locked" : "the map is unlocked");
+    case LiveKey::kMark:
+      return mark();
     case LiveKey::kSave:
       return save();
     case LiveKey::kQuit:
       over_ = true;
       return;
   }
+}
+
+void LiveRun::mark() {
+  if (options_.length <= 0) return say("nothing is marked: no length was given by --length");
+  if (!aimed_) return say("nothing is marked: no point of the map is in the middle of the image");
+  if (!marked_) {
+    marked_ = aimed_;
+    return say("one end is marked: aim at the other one, and mark it");
+  }
+  if (*aimed_ == *marked_) return say("this end is marked already: aim at the other one, and mark it");
+  const Status status = system_->set_length(*marked_, *aimed_, static_cast<float>(options_.length));
+  marked_.reset();
+  say(status.ok() ? format("the two marks are %.6g apart from now on", options_.length)
+                  : std::string("the length is not set: ") + status.message());
 }
 
 void LiveRun::save() {
@@ -203,6 +263,7 @@ void LiveRun::track(const Frame& frame) {
     camera_.give_back();
     return;
   }
+  if (options_.length > 0) aimed_ = aimed_point(result, camera_.info().model);
   status.camera = camera_.status();
   if (observer_.on_result && !observer_.on_result(result, status.camera.arrived_ns)) over_ = true;
   const int64_t written_ns = clock_.now_ns();

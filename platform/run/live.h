@@ -17,11 +17,12 @@
 
 namespace pptam::platform {
 
-enum class LiveKey { kNothing, kTap, kReset, kLock, kSave, kQuit };
+enum class LiveKey { kNothing, kTap, kReset, kLock, kMark, kSave, kQuit };
 
 struct LiveOptions {
   RunOptions run;         // clock, drop_late and max_wait_s do not matter: time is the camera's
   double duration_s = 0;  // ends by itself; 0: never
+  double length = 0;      // between the two points that kMark marks, in the image's middle; 0: none is set
   bool keep_frames = false;
   std::string record;  // folder; empty: none
 };

@@ -105,9 +105,7 @@ LiveRecording::LiveRecording(const fs::path& folder, const CameraInfo& camera, c
 }
 
 void LiveRecording::make(const CameraInfo& camera, const RunOptions& options) {
-  std::error_code ignored;
-  if (!fs::exists(folder_, ignored)) made_.push_back(folder_);
-  made_.push_back(folder_ / "rgb");
+  made_ = missing_folders(folder_ / "rgb");
   make_folder(folder_ / "rgb", "--record");
   write_text_atomically(folder_ / "calibration.yaml",
                         calibration_yaml({camera.model, camera.shutter, camera.exposure_s}));

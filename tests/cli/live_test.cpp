@@ -19,8 +19,10 @@
 #include <iterator>
 #include <map>
 #include <memory>
+#include <numeric>
 #include <random>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "platform/camera/dump_sequence.h"
@@ -71,9 +73,9 @@ class HastyCamera : public Camera {
     }
     if (gone_ > 0 && stays_away) return CameraEvent::kTimeout;
     if (gone_ > 0) return --gone_ == 0 ? CameraEvent::kReplugged : CameraEvent::kTimeout;
-    if (random_() % 25 != 0) return CameraEvent::kTimeout;
+    if (random_() % 25 != 0 && !always) return CameraEvent::kTimeout;
     *frame = recording_.frame(next_++);
-    status_.arrived_ns = SteadyClock().now_ns();
+    if (stale > 0) status_.arrived_ns = SteadyClock().now_ns() - (next_ <= stale ? 1'000'000'000 : 0);
     return CameraEvent::kFrame;
   }
   CameraStatus status() const override { return status_; }
@@ -81,6 +83,8 @@ class HastyCamera : public Camera {
   int next() const { return next_; }
   int pull_out_before = -1;
   bool stays_away = false;
+  bool always = false;  // the next frame is always there
+  int stale = 0;        // the first frames, so many, are a second old; 0: no age is known
 
  private:
   const test::Recording& recording_;
@@ -406,7 +410,7 @@ TEST_F(Live, AStartThatFailsLeavesNoRecording) {
   EXPECT_TRUE(fs::is_empty(at("there")));
 
   LiveOptions options;
-  options.record = at("record").string();
+  options.record = (at("record") / "above" / "it").string();
   LiveObserver observer;
   observer.on_start = [](const CameraInfo&) { throw InputError("no place for poses"); };
   HastyCamera camera(desk(), 12);
@@ -449,6 +453,73 @@ TEST_F(Live, ACameraThatIsPulledOutIsWaitedFor) {
   EXPECT_TRUE(holds(said, "hasty: pulled out; waiting")) << said;
   EXPECT_TRUE(holds(said, "is back")) << said;
   expect_same(lived.result.log, repeat(at("recording")));
+}
+
+// What came while the system was built is passed over, but not every frame of a camera whose stamps are late.
+TEST_F(Live, TheFirstFrameTrackedIsFresh) {
+  for (const auto& [stale, skipped] : {std::pair(3, 3), std::pair(1000, 8)}) {
+    HastyCamera camera(desk(), 1);
+    camera.stale = stale;
+    LiveObserver observer;
+    observer.on_start = [](const CameraInfo&) {};
+    LiveOptions options;
+    options.keep_frames = true;
+    const LiveResult result = run_live(camera, options, observer);
+    ASSERT_FALSE(result.log.frames.empty());
+    EXPECT_EQ(result.log.frames.front().timestamp_ns, desk().timestamps_ns[static_cast<size_t>(skipped)]);
+  }
+}
+
+TEST_F(Live, ALengthBetweenTwoMarksIsSetAndRecorded) {
+  sim::PhoneOptions phone;
+  phone.duration_s = 9;
+  const test::Recording longer = test::record(phone);
+  for (const double length : {0.0, 0.297}) {
+    HastyCamera camera(longer, 7);
+    LiveOptions options;
+    options.length = length;
+    options.keep_frames = true;
+    options.record = at("record" + std::to_string(length)).string();
+    std::vector<std::string> said;
+    int pressed = -1;
+    LiveObserver observer;
+    observer.on_start = [](const CameraInfo&) {};
+    observer.say = [&](const std::string& text) { said.push_back(text); };
+    observer.key = [&] {
+      if (std::exchange(pressed, camera.next()) == camera.next()) return LiveKey::kNothing;
+      return camera.next() == 2 ? LiveKey::kTap : camera.next() >= 50 ? LiveKey::kMark : LiveKey::kNothing;
+    };
+    const RunLog log = run_live(camera, options, observer).log;
+    const std::string all = std::accumulate(said.begin(), said.end(), std::string());
+    SCOPED_TRACE(all);
+    if (length == 0) {
+      EXPECT_TRUE(holds(all, "no length was given"));
+      continue;
+    }
+    EXPECT_TRUE(holds(all, "one end is marked"));
+    EXPECT_TRUE(holds(all, "this end is marked already"));
+    EXPECT_TRUE(holds(all, "the two marks are 0.297 apart from now on"));
+    EXPECT_TRUE(holds(read(fs::path(options.record) / "events.txt"), "\nlength "));
+    expect_same(log, repeat(options.record));
+  }
+}
+
+// One slice before each frame, and no more.
+TEST_F(Live, MappingGoesOnWithoutAnyIdleTime) {
+  HastyCamera camera(desk(), 1);
+  camera.always = true;
+  LiveObserver observer;
+  observer.on_start = [](const CameraInfo&) {};
+  LiveOptions options;
+  options.run.auto_start = true;
+  options.keep_frames = true;
+  const LiveResult result = run_live(camera, options, observer);
+  int slices = 0;
+  for (const FrameLog& frame : result.log.frames) {
+    EXPECT_LE(frame.idle_slices, 1);
+    slices += frame.idle_slices;
+  }
+  EXPECT_GT(slices, 20);
 }
 
 TEST(AgesOfPoses, Shares) {

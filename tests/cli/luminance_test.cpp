@@ -2,14 +2,14 @@
 #include "platform/camera/luminance.h"
 
 #include <gtest/gtest.h>
-#include <jpeglib.h>
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>  // jpeglib.h needs it
 #include <cstdlib>
 #include <random>
 #include <vector>
+
+#include "tests/support/jpeg.h"
 
 namespace pptam::platform {
 namespace {
@@ -33,32 +33,11 @@ uint8_t pattern(int x, int y) {
 
 // A soft picture, which JPEG keeps to a few greys.
 Bytes jpeg_of(int width, int height, bool progressive = false) {
-  jpeg_compress_struct info;
-  jpeg_error_mgr errors;
-  info.err = jpeg_std_error(&errors);
-  jpeg_create_compress(&info);
-  unsigned char* out = nullptr;
-  unsigned long bytes = 0;
-  jpeg_mem_dest(&info, &out, &bytes);
-  info.image_width = static_cast<unsigned>(width);
-  info.image_height = static_cast<unsigned>(height);
-  info.input_components = 3;
-  info.in_color_space = JCS_YCbCr;
-  jpeg_set_defaults(&info);
-  jpeg_set_quality(&info, 95, TRUE);
-  if (progressive) jpeg_simple_progression(&info);
-  jpeg_start_compress(&info, TRUE);
-  Bytes row(static_cast<size_t>(3 * width), 128);
+  Bytes grey;
   for (int y = 0; y < height; ++y) {
-    for (int x = 0; x < width; ++x) row[static_cast<size_t>(3 * x)] = static_cast<uint8_t>(60 + x / 3 + y / 2);
-    JSAMPROW line = row.data();
-    jpeg_write_scanlines(&info, &line, 1);
+    for (int x = 0; x < width; ++x) grey.push_back(static_cast<uint8_t>(60 + x / 3 + y / 2));
   }
-  jpeg_finish_compress(&info);
-  Bytes result(out, out + bytes);
-  jpeg_destroy_compress(&info);
-  std::free(out);
-  return result;
+  return test::encode_jpeg(width, height, grey, 95, progressive);
 }
 
 TEST(Luminance, PlanesAreUsedInPlace) {

@@ -1,4 +1,4 @@
-# Sourced by the scripts beside it: Debian's kernels, fetched once into build/drivers and unpacked there.
+# Sourced by the scripts beside it: Debian's kernels and libcamera, fetched once into build/drivers and unpacked there.
 
 drivers_dir=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)/build/drivers
 
@@ -93,6 +93,31 @@ guest_kernel() {
     [[ -e "$folder.new/bin/busybox" ]] || mv "$folder.new/usr/bin/busybox" "$folder.new/bin"
     depmod -b "$folder.new" "$(ls "$folder.new/lib/modules")"
     rm -rf "$folder.new"/{boot,usr}
+    mv "$folder.new" "$folder"
+  fi
+  echo "$folder"
+}
+
+# guest_libcamera SUITE OFFLINE: prints a folder with libcamera, its headers, and all libraries that it needs, the C
+# library too: a PC's user land.
+guest_libcamera() {
+  local suite=$1 offline=$2 folder=$drivers_dir/libcamera-$1 deb
+  if [[ ! -e "$folder" ]]; then
+    [[ -z "$offline" ]] || skip "Debian $suite's libcamera is not here; tests/platform/drivers.sh --fetch libcamera"
+    need_commands apt-get:apt dpkg-deb:dpkg
+    rm -rf "$folder.new"
+    mkdir -p "$folder.new"/usr/lib{,64} "$folder.debs/partial"
+    ln -s usr/lib usr/lib64 "$folder.new"  # as Debian 13's packages have it; 12's have both
+    echo "boot.sh: fetching Debian $suite's libcamera" >&2
+    private_apt "$suite" amd64 apt-get update >&2 || true  # when it could not, the next line tells
+    private_apt "$suite" amd64 apt-get install -y --download-only --no-install-recommends \
+      -o Dir::Cache::archives="$folder.debs" libcamera-dev >&2 || skip "Debian $suite's libcamera cannot be had"
+    for deb in "$folder.debs"/*.deb; do
+      dpkg-deb --fsys-tarfile "$deb" | tar -x -C "$folder.new" --keep-directory-symlink --exclude=./usr/share
+    done
+    rm -r "$folder.debs" "$folder.new"/lib{,64}
+    mkdir "$folder.new/lib64"  # where programs look for their loader
+    cp -L "$folder.new/usr/lib/x86_64-linux-gnu/ld-linux-x86-64.so.2" "$folder.new/lib64/"
     mv "$folder.new" "$folder"
   fi
   echo "$folder"

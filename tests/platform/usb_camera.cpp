@@ -1,47 +1,57 @@
-// A USB camera for tests, by Linux's gadgetfs: with the module dummy_hcd it is plugged into the very computer it runs
-// on, whose uvcvideo then finds it. The camera is plugged in while this program runs, and pulled out by its end.
+// A USB camera for tests, by USB/IP: with the module vhci_hcd it is plugged into the very computer it runs on, whose
+// uvcvideo then finds it. The camera is plugged in while this program runs, and pulled out by its end.
 //
-// It speaks USB Video Class 1.0 over a bulk endpoint (dummy_hcd has no isochronous ones): a camera terminal, a
-// processing unit, and one format (gadgetfs hands out 256 bytes of descriptors, which hold no more): YUYV, NV12, YU12
-// or GREY, in the frames' size and in twice that with each pixel four times, which halves to the same pixels. Frames
-// come from a file of raw grey images, one each 1/rate seconds from the moment the host asks for the stream. Prints
-// "plugged TIME_NS", "commit WIDTH", "frame N TIME_NS" (CLOCK_MONOTONIC, when its last byte was taken) and "set UNIT
-// SELECTOR VALUE".
-#include <fcntl.h>
+// It speaks USB Video Class 1.0 over a bulk endpoint: a camera terminal, a processing unit, and the formats YUYV, NV12,
+// YU12, GREY and MJPEG, each in the frames' size and in twice that with each pixel four times, which halves to the same
+// pixels. Frames come from a file of raw grey images, one each 1/rate seconds from the moment the host asks for the
+// stream. Prints "plugged TIME_NS", "commit FORMAT WIDTH", "frame N TIME_NS" (CLOCK_MONOTONIC, when its last byte was
+// sent) and "set UNIT SELECTOR VALUE".
+//
+// USB/IP: Linux's Documentation/usb/usbip_protocol.rst. Everything comes through one socket, and one thread answers it
+// in order: the control endpoint's requests at once, those for images when there are some.
+#include <arpa/inet.h>
 #include <linux/usb/ch9.h>
-#include <linux/usb/gadgetfs.h>
+#include <poll.h>
+#include <sys/socket.h>
 #include <unistd.h>
 
 #include <algorithm>
-#include <atomic>
+#include <array>
+#include <cerrno>
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
 #include <ctime>
+#include <deque>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
 #include <string>
-#include <thread>
 #include <vector>
+
+#include "tests/support/jpeg.h"
 
 namespace {
 
+constexpr int64_t kSecond = 1'000'000'000;
 constexpr int kPayloadBytes = 16384;  // of one transfer, header included
 constexpr int kHeaderBytes = 2;
+constexpr int kPacketBytes = 512;
 constexpr uint8_t kEndpoint = 0x81;
 constexpr int kStreamingInterface = 1;
+constexpr int kPorts = 8;  // of vhci_hcd that are tried
 enum Unit { kCamera = 1, kProcessing = 2, kOutput = 3 };
 
 using Bytes = std::vector<uint8_t>;
 
 struct Format {
-  const char* name;  // Linux's
-  const char* guid_start;
-  uint8_t bits_per_pixel;
+  const char* name;        // Linux's
+  const char* guid_start;  // null: MJPEG
+  uint8_t bits_per_pixel;  // at most
 };
-constexpr Format kFormats[] = {{"YUYV", "YUY2", 16}, {"NV12", "NV12", 12}, {"YU12", "I420", 12}, {"GREY", "Y800", 8}};
+constexpr Format kFormats[] = {
+    {"YUYV", "YUY2", 16}, {"NV12", "NV12", 12}, {"YU12", "I420", 12}, {"GREY", "Y800", 8}, {"MJPG", nullptr, 16}};
 
 // A control as the host sees it. USB Video Class 1.0, A.9.
 struct Control {
@@ -65,22 +75,38 @@ struct Settings {
   int width = 320, height = 240;
   double rate_hz = 15;
   long first = 0, count = -1, broken_every = 0;
-  const Format* format = kFormats;
   std::string frames;
 } settings;
 
-uint8_t probed = 1, committed = 1;  // the size: 1, or 2 for twice that
-std::atomic<int> commits = 0;
+struct Choice {
+  uint8_t format = 1;  // of kFormats, from 1
+  uint8_t scale = 1;   // the size: 1, or 2 for twice that
+};
+Choice probed, committed;
+
+// A message of the host, and what it is answered by: 48 bytes before the data.
+struct Message {
+  enum Command : uint32_t { kSubmit = 1, kUnlink, kSubmitted, kUnlinked };
+  uint32_t command, sequence, device, direction, endpoint;
+  union {
+    uint32_t flags, unlinked, status;  // of kSubmit; of kUnlink; of the answers
+  };
+  uint32_t bytes, start_frame, packets, interval;
+  usb_ctrlrequest setup;
+};
+static_assert(sizeof(Message) == 48);
+
+int host = -1;  // the socket
 
 int64_t now_ns() {
   timespec now{};
   clock_gettime(CLOCK_MONOTONIC, &now);
-  return now.tv_sec * 1'000'000'000LL + now.tv_nsec;
+  return now.tv_sec * kSecond + now.tv_nsec;
 }
 
 [[noreturn]] void fail(const std::string& what) {
   std::perror(("usb_camera: " + what).c_str());
-  std::_Exit(1);
+  std::exit(1);
 }
 
 void put(Bytes* to, uint32_t value, int bytes) {
@@ -101,9 +127,13 @@ uint32_t interval_100ns() {
   return static_cast<uint32_t>(1e7 / settings.rate_hz + 0.5);
 }
 
-uint32_t frame_bytes(int scale) {
-  const auto pixels = static_cast<uint32_t>(settings.width * settings.height * scale * scale);
-  return pixels * settings.format->bits_per_pixel / 8;
+int64_t interval_ns() {
+  return int64_t{100} * interval_100ns();
+}
+
+uint32_t most_bytes(Choice choice) {
+  const auto pixels = static_cast<uint32_t>(settings.width * settings.height * choice.scale * choice.scale);
+  return pixels * kFormats[choice.format - 1].bits_per_pixel / 8;
 }
 
 // USB Video Class 1.0, 3.7: what belongs to the control interface.
@@ -121,45 +151,54 @@ Bytes control_descriptors() {
   return all;
 }
 
-// 3.9: the format with its two sizes.
-Bytes streaming_descriptors() {
-  Bytes format = {27, 0x24, 0x04, 1, 2};
-  format.insert(format.end(), settings.format->guid_start, settings.format->guid_start + 4);
-  append(&format, {0x00, 0x00, 0x10, 0x00, 0x80, 0x00, 0x00, 0xaa, 0x00, 0x38, 0x9b, 0x71});
-  append(&format, {settings.format->bits_per_pixel, 1, 0, 0, 0, 0});
-  for (uint8_t scale = 1; scale <= 2; ++scale) {
-    const uint32_t bytes = frame_bytes(scale);
-    append(&format, {30, 0x24, 0x05, scale, 0});
-    put(&format, static_cast<uint32_t>(settings.width * scale), 2);
-    put(&format, static_cast<uint32_t>(settings.height * scale), 2);
-    put(&format, static_cast<uint32_t>(bytes * 8 * settings.rate_hz), 4);
-    put(&format, static_cast<uint32_t>(bytes * 8 * settings.rate_hz), 4);
-    put(&format, bytes, 4);
-    put(&format, interval_100ns(), 4);
-    put(&format, 1, 1);
-    put(&format, interval_100ns(), 4);
+// 3.9, and the classes' Uncompressed 3.1 and Motion-JPEG 3.1: a format with its two sizes.
+Bytes format_descriptors(uint8_t index) {
+  const Format& format = kFormats[index - 1];
+  Bytes all;
+  if (format.guid_start != nullptr) {
+    all = {27, 0x24, 0x04, index, 2};
+    for (int i = 0; i < 4; ++i) all.push_back(static_cast<uint8_t>(format.guid_start[i]));
+    append(&all, {0x00, 0x00, 0x10, 0x00, 0x80, 0x00, 0x00, 0xaa, 0x00, 0x38, 0x9b, 0x71});
+    append(&all, {format.bits_per_pixel, 1, 0, 0, 0, 0});
+  } else {
+    all = {11, 0x24, 0x06, index, 2, 0, 1, 0, 0, 0, 0};
   }
-  Bytes all = {14, 0x24, 0x01, 1};
-  put(&all, static_cast<uint32_t>(14 + format.size()), 2);
-  append(&all, {kEndpoint, 0, kOutput, 0, 0, 0, 1, 0});
-  append(&all, format);
+  for (uint8_t scale = 1; scale <= 2; ++scale) {
+    const uint32_t bytes = most_bytes({index, scale});
+    append(&all, {30, 0x24, static_cast<uint8_t>(all[2] + 1), scale, 0});
+    put(&all, static_cast<uint32_t>(settings.width * scale), 2);
+    put(&all, static_cast<uint32_t>(settings.height * scale), 2);
+    put(&all, static_cast<uint32_t>(bytes * 8 * settings.rate_hz), 4);
+    put(&all, static_cast<uint32_t>(bytes * 8 * settings.rate_hz), 4);
+    put(&all, bytes, 4);
+    put(&all, interval_100ns(), 4);
+    put(&all, 1, 1);
+    put(&all, interval_100ns(), 4);
+  }
   return all;
 }
 
-Bytes endpoint_descriptor(bool high_speed) {
-  Bytes all = {USB_DT_ENDPOINT_SIZE, USB_DT_ENDPOINT, kEndpoint, USB_ENDPOINT_XFER_BULK};
-  put(&all, high_speed ? 512 : 64, 2);
-  put(&all, 0, 1);
+Bytes streaming_descriptors() {
+  constexpr uint8_t kCount = std::size(kFormats);
+  Bytes formats;
+  for (uint8_t index = 1; index <= kCount; ++index) append(&formats, format_descriptors(index));
+  Bytes all = {13 + kCount, 0x24, 0x01, kCount};
+  put(&all, static_cast<uint32_t>(13 + kCount + formats.size()), 2);
+  append(&all, {kEndpoint, 0, kOutput, 0, 0, 0, 1});
+  append(&all, Bytes(kCount, 0));
+  append(&all, formats);
   return all;
 }
 
-Bytes configuration_descriptor(bool high_speed) {
+Bytes configuration_descriptor() {
   Bytes inside = {8, USB_DT_INTERFACE_ASSOCIATION, 0, 2, USB_CLASS_VIDEO, 3, 0, 0};
   append(&inside, {USB_DT_INTERFACE_SIZE, USB_DT_INTERFACE, 0, 0, 0, USB_CLASS_VIDEO, 1, 0, 0});
   append(&inside, control_descriptors());
   append(&inside, {USB_DT_INTERFACE_SIZE, USB_DT_INTERFACE, kStreamingInterface, 0, 1, USB_CLASS_VIDEO, 2, 0, 0});
   append(&inside, streaming_descriptors());
-  append(&inside, endpoint_descriptor(high_speed));
+  append(&inside, {USB_DT_ENDPOINT_SIZE, USB_DT_ENDPOINT, kEndpoint, USB_ENDPOINT_XFER_BULK});
+  put(&inside, kPacketBytes, 2);
+  put(&inside, 0, 1);
   Bytes all = {USB_DT_CONFIG_SIZE, USB_DT_CONFIG};
   put(&all, static_cast<uint32_t>(USB_DT_CONFIG_SIZE + inside.size()), 2);
   append(&all, {2, 1, 0, USB_CONFIG_ATT_ONE | USB_CONFIG_ATT_SELFPOWER, 1});
@@ -173,89 +212,34 @@ Bytes device_descriptor() {
   return all;
 }
 
-// One frame of the file in the size that the host chose; chroma is grey.
-Bytes image(int scale, const Bytes& grey) {
-  const auto times = static_cast<size_t>(scale), source_width = static_cast<size_t>(settings.width);
-  const size_t width = source_width * times, height = static_cast<size_t>(settings.height) * times;
-  const bool yuyv = settings.format->bits_per_pixel == 16;
-  Bytes all(frame_bytes(scale), 128);
-  for (size_t y = 0; y < height; ++y) {
-    for (size_t x = 0; x < width; ++x)
-      all[(y * width + x) * (yuyv ? 2 : 1)] = grey[y / times * source_width + x / times];
-  }
-  return all;
-}
-
-void send(int endpoint, const Bytes& frame, bool broken, bool* toggle) {
-  for (size_t at = 0; at < frame.size();) {
-    size_t bytes = std::min<size_t>(frame.size() - at, kPayloadBytes - kHeaderBytes);
-    // A payload ends with a short packet.
-    if (at + bytes == frame.size() && (bytes + kHeaderBytes) % 512 == 0) bytes -= 1;
-    Bytes payload = {kHeaderBytes, static_cast<uint8_t>(0x80 | (*toggle ? 1 : 0))};
-    if (at + bytes == frame.size()) payload[1] |= 0x02;            // the frame's end
-    if (broken && at + bytes == frame.size()) payload[1] |= 0x40;  // an error
-    payload.insert(payload.end(), frame.begin() + static_cast<long>(at), frame.begin() + static_cast<long>(at + bytes));
-    if (write(endpoint, payload.data(), payload.size()) < 0) fail("stream");
-    at += bytes;
-  }
-  *toggle = !*toggle;
-}
-
-[[noreturn]] void stream(int endpoint) {
-  const auto size = static_cast<long>(settings.width) * settings.height;
-  const long there = static_cast<long>(std::filesystem::file_size(settings.frames)) / size - settings.first;
-  const long count = settings.count < 0 ? there : std::min(there, settings.count);
-  std::ifstream file(settings.frames, std::ios::binary);
-  file.seekg(settings.first * size);
-  Bytes grey(static_cast<size_t>(size));
-  while (commits == 0) usleep(1000);
-  bool toggle = false;
-  int64_t due_ns = now_ns();
-  for (long i = 0; i < count; ++i) {
-    due_ns = std::max(due_ns + static_cast<int64_t>(1e9 / settings.rate_hz), now_ns());
-    while (now_ns() < due_ns) usleep(500);
-    file.read(reinterpret_cast<char*>(grey.data()), size);
-    const bool broken = settings.broken_every > 0 && (i + 1) % settings.broken_every == 0;
-    send(endpoint, image(committed, grey), broken, &toggle);
-    std::printf("frame %ld %lld%s\n", settings.first + i, static_cast<long long>(now_ns()), broken ? " broken" : "");
-    std::fflush(stdout);
-  }
-  usleep(200'000);  // the host fetches the last one
-  std::_Exit(0);    // and the camera is pulled out
-}
-
-int open_endpoint() {
-  const int endpoint = open("/dev/gadget/ep1in-bulk", O_RDWR | O_CLOEXEC);
-  if (endpoint < 0) fail("/dev/gadget/ep1in-bulk");
-  Bytes descriptors;
-  put(&descriptors, 1, 4);
-  append(&descriptors, endpoint_descriptor(false));
-  append(&descriptors, endpoint_descriptor(true));
-  if (write(endpoint, descriptors.data(), descriptors.size()) < 0) fail("endpoint");
-  return endpoint;
+Bytes string_descriptor(int index) {
+  if (index == 0) return {4, USB_DT_STRING, 0x09, 0x04};
+  Bytes name = {0, USB_DT_STRING};
+  for (const char c : std::string("Test camera")) put(&name, static_cast<uint8_t>(c), 2);
+  name[0] = static_cast<uint8_t>(name.size());
+  return name;
 }
 
 // UVC 1.0's probe and commit.
-Bytes negotiation(uint8_t scale) {
-  Bytes all = {0, 0, 1, scale};
+Bytes negotiation(Choice choice) {
+  Bytes all = {0, 0, choice.format, choice.scale};
   put(&all, interval_100ns(), 4);
   all.resize(18);
-  put(&all, frame_bytes(scale), 4);
+  put(&all, most_bytes(choice), 4);
   put(&all, kPayloadBytes, 4);
   return all;
 }
 
-// The answer to a request that reads; empty: there is none.
+// The answer to a request that reads; empty: it is refused.
 Bytes answer(const usb_ctrlrequest& setup) {
   enum Request { kCurrent = 0x81, kLowest, kHighest, kStep, kLength, kInfo, kInitial };
   const int selector = setup.wValue >> 8, unit = setup.wIndex >> 8;
-  if (setup.bRequestType == (USB_DIR_IN | USB_TYPE_STANDARD | USB_RECIP_DEVICE)) {
-    if (setup.bRequest != USB_REQ_GET_DESCRIPTOR || selector != USB_DT_STRING) return {};
-    if ((setup.wValue & 255) == 0) return {4, USB_DT_STRING, 0x09, 0x04};
-    Bytes name = {0, USB_DT_STRING};
-    for (const char c : std::string("Test camera")) put(&name, static_cast<uint8_t>(c), 2);
-    name[0] = static_cast<uint8_t>(name.size());
-    return name;
+  if ((setup.bRequestType & USB_TYPE_MASK) == USB_TYPE_STANDARD) {
+    if (setup.bRequest == USB_REQ_GET_STATUS) return {1, 0};
+    if (setup.bRequest != USB_REQ_GET_DESCRIPTOR) return {};
+    if (selector == USB_DT_DEVICE) return device_descriptor();
+    if (selector == USB_DT_CONFIG) return configuration_descriptor();
+    return selector == USB_DT_STRING ? string_descriptor(setup.wValue & 255) : Bytes();
   }
   if ((setup.bRequestType & USB_TYPE_MASK) != USB_TYPE_CLASS) return {};
   if ((setup.wIndex & 255) == kStreamingInterface) {
@@ -296,18 +280,135 @@ Bytes answer(const usb_ctrlrequest& setup) {
   return {};
 }
 
+// One image of the file in the format and size that the host chose; chroma is grey.
+Bytes image(Choice choice, const Bytes& grey) {
+  const size_t times = choice.scale, source_width = static_cast<size_t>(settings.width);
+  const size_t width = source_width * times, height = static_cast<size_t>(settings.height) * times;
+  const Format& format = kFormats[choice.format - 1];
+  const bool compressed = format.guid_start == nullptr;
+  const size_t step = !compressed && format.bits_per_pixel == 16 ? 2 : 1;
+  Bytes all(compressed ? width * height : most_bytes(choice), 128);
+  for (size_t y = 0; y < height; ++y) {
+    for (size_t x = 0; x < width; ++x) all[(y * width + x) * step] = grey[y / times * source_width + x / times];
+  }
+  return compressed ? pptam::test::encode_jpeg(static_cast<int>(width), static_cast<int>(height), all, 100) : all;
+}
+
+// The first bytes of data go with it when the host reads and is not refused.
+void reply(const Message& asked, uint32_t command, int status, const Bytes& data, size_t bytes) {
+  Message message{};
+  message.command = command;
+  message.sequence = asked.sequence;
+  message.status = static_cast<uint32_t>(status);
+  message.bytes = static_cast<uint32_t>(bytes);
+  std::array<uint32_t, sizeof message / 4> words{};
+  std::memcpy(words.data(), &message, sizeof message);
+  for (uint32_t& word : words) word = htonl(word);
+  Bytes all(sizeof message);
+  std::memcpy(all.data(), words.data(), sizeof message);
+  if (asked.direction == 1 && status == 0) all.insert(all.end(), data.begin(), data.begin() + static_cast<long>(bytes));
+  for (size_t at = 0; at < all.size();) {
+    const ssize_t sent = write(host, &all[at], all.size() - at);
+    if (sent < 0 && errno != EINTR) fail("the host is gone");
+    if (sent > 0) at += static_cast<size_t>(sent);
+  }
+}
+
+// False: the host is gone.
+bool receive(void* to, size_t bytes) {
+  return bytes == 0 || recv(host, to, bytes, MSG_WAITALL) == static_cast<ssize_t>(bytes);
+}
+
+// The images: payloads that wait for the host to fetch them, and the host's transfers that wait for payloads.
+class Stream {
+ public:
+  Stream() : file_(settings.frames, std::ios::binary) {
+    const long bytes = static_cast<long>(settings.width) * settings.height;
+    const long there = static_cast<long>(std::filesystem::file_size(settings.frames)) / bytes - settings.first;
+    count_ = settings.count < 0 ? there : std::min(there, settings.count);
+    grey_.resize(static_cast<size_t>(bytes));
+    file_.seekg(settings.first * bytes);
+  }
+
+  void begin() { due_ns_ = now_ns() + interval_ns(); }
+  void halt() {
+    payloads_.clear();
+    due_ns_ = kNever;
+  }
+  void add(const Message& transfer) { transfers_.push_back(transfer); }
+  bool remove(uint32_t sequence) {
+    const auto found = std::find_if(transfers_.begin(), transfers_.end(),
+                                    [&](const Message& transfer) { return transfer.sequence == sequence; });
+    if (found == transfers_.end()) return false;
+    transfers_.erase(found);
+    return true;
+  }
+
+  bool ended() const { return index_ == count_ && payloads_.empty(); }
+  // The next frame waits for the one before.
+  int64_t due_ns() const { return payloads_.empty() && index_ < count_ ? due_ns_ : kNever; }
+
+  void serve() {
+    if (now_ns() >= due_ns()) make_payloads();
+    while (!payloads_.empty() && !transfers_.empty()) {
+      const Bytes& payload = payloads_.front();
+      const Message transfer = transfers_.front();
+      transfers_.pop_front();
+      reply(transfer, Message::kSubmitted, 0, payload, std::min<size_t>(payload.size(), transfer.bytes));
+      payloads_.pop_front();
+      if (!payloads_.empty()) continue;
+      std::printf("frame %ld %lld%s\n", settings.first + index_ - 1, static_cast<long long>(now_ns()),
+                  broken_ ? " broken" : "");
+    }
+  }
+
+ private:
+  static constexpr int64_t kNever = INT64_MAX;
+
+  void make_payloads() {
+    due_ns_ = std::max(due_ns_ + interval_ns(), now_ns());
+    file_.read(reinterpret_cast<char*>(grey_.data()), static_cast<std::streamsize>(grey_.size()));
+    ++index_;
+    broken_ = settings.broken_every > 0 && index_ % settings.broken_every == 0;
+    const Bytes frame = image(committed, grey_);
+    for (size_t at = 0; at < frame.size();) {
+      size_t bytes = std::min<size_t>(frame.size() - at, kPayloadBytes - kHeaderBytes);
+      // A payload ends with a short packet.
+      if (at + bytes == frame.size() && (bytes + kHeaderBytes) % kPacketBytes == 0) bytes -= 1;
+      Bytes payload = {kHeaderBytes, static_cast<uint8_t>(0x80 | (index_ & 1))};
+      if (at + bytes == frame.size()) payload[1] |= 0x02;             // the frame's end
+      if (broken_ && at + bytes == frame.size()) payload[1] |= 0x40;  // an error
+      payload.insert(payload.end(), frame.begin() + static_cast<long>(at),
+                     frame.begin() + static_cast<long>(at + bytes));
+      payloads_.push_back(payload);
+      at += bytes;
+    }
+  }
+
+  std::ifstream file_;
+  Bytes grey_;
+  long index_ = 0, count_ = 0;
+  bool broken_ = false;
+  int64_t due_ns_ = kNever;
+  std::deque<Bytes> payloads_;
+  std::deque<Message> transfers_;
+};
+
 // A request that writes: false when it is not known.
-bool accept(const usb_ctrlrequest& setup, const Bytes& data) {
+bool accept(const usb_ctrlrequest& setup, const Bytes& data, Stream* stream) {
   const int selector = setup.wValue >> 8, unit = setup.wIndex >> 8;
+  if ((setup.bRequestType & USB_TYPE_MASK) == USB_TYPE_STANDARD) {
+    if (setup.bRequest == USB_REQ_CLEAR_FEATURE) stream->halt();  // uvcvideo ends a stream by it
+    return true;
+  }
   if ((setup.bRequestType & USB_TYPE_MASK) != USB_TYPE_CLASS || setup.bRequest != 1) return false;
   if ((setup.wIndex & 255) == kStreamingInterface) {
     if (data.size() < 26) return false;
-    probed = std::clamp<uint8_t>(data[3], 1, 2);
+    probed = {std::clamp<uint8_t>(data[2], 1, std::size(kFormats)), std::clamp<uint8_t>(data[3], 1, 2)};
     if (selector == 2) {
       committed = probed;
-      ++commits;
-      std::printf("commit %d\n", settings.width * committed);
-      std::fflush(stdout);
+      stream->begin();
+      std::printf("commit %s %d\n", kFormats[committed.format - 1].name, settings.width * committed.scale);
     }
     return true;
   }
@@ -315,41 +416,52 @@ bool accept(const usb_ctrlrequest& setup, const Bytes& data) {
     if (control.unit != unit || control.selector != selector || data.size() < control.bytes) continue;
     control.value = static_cast<int32_t>(get(data.data(), control.bytes));
     std::printf("set %d %d %d\n", unit, selector, control.value);
-    std::fflush(stdout);
     return true;
   }
   return false;
 }
 
-// One request of the host. gadgetfs: reading or writing the wrong way refuses it.
-void serve(int device, const usb_ctrlrequest& setup) {
-  static int endpoint = -1;
-  uint8_t none = 0;
-  if ((setup.bRequestType & USB_DIR_IN) != 0) {
-    const Bytes data = answer(setup);
-    if (data.empty()) {
-      if (read(device, &none, 0) < 0 && errno != EL2HLT) fail("refusal");
-    } else if (write(device, data.data(), std::min<size_t>(data.size(), setup.wLength)) < 0) {
-      std::perror("usb_camera: answer");
-    }
+// One message of the host. False: it is gone.
+bool serve(Stream* stream) {
+  std::array<uint32_t, sizeof(Message) / 4> words{};
+  if (!receive(words.data(), sizeof words)) return false;
+  for (size_t i = 0; i < 10; ++i) words[i] = ntohl(words[i]);  // what follows is a setup packet, in USB's own order
+  Message message{};
+  std::memcpy(&message, words.data(), sizeof message);
+  if (message.command == Message::kUnlink) {
+    const bool waited = stream->remove(message.unlinked);
+    reply(message, Message::kUnlinked, waited ? -ECONNRESET : 0, {}, 0);
+    return true;
+  }
+  Bytes data(message.direction == 0 ? message.bytes : 0);
+  if (!receive(data.data(), data.size())) return false;
+  if (message.endpoint != 0) {
+    stream->add(message);
+    return true;
+  }
+  if (message.direction == 0) {
+    const bool known = accept(message.setup, data, stream);
+    reply(message, Message::kSubmitted, known ? 0 : -EPIPE, {}, known ? data.size() : 0);
+    return true;
+  }
+  const Bytes found = answer(message.setup);
+  reply(message, Message::kSubmitted, found.empty() ? -EPIPE : 0, found, std::min<size_t>(found.size(), message.bytes));
+  return true;
+}
+
+void plug_in() {
+  int ends[2];
+  if (socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends) != 0) fail("socketpair");
+  for (int port = 0; port < kPorts; ++port) {  // one is taken until the kernel is done with the camera before
+    std::ofstream attach("/sys/devices/platform/vhci_hcd.0/attach");
+    attach << port << ' ' << ends[1] << " 1 " << USB_SPEED_HIGH << std::flush;
+    if (!attach) continue;
+    close(ends[1]);
+    host = ends[0];
+    std::printf("plugged %lld\n", static_cast<long long>(now_ns()));
     return;
   }
-  if (setup.bRequestType == USB_RECIP_DEVICE && setup.bRequest == USB_REQ_SET_CONFIGURATION && setup.wValue == 1) {
-    if (endpoint < 0) std::thread(stream, endpoint = open_endpoint()).detach();
-    if (read(device, &none, 0) < 0) fail("configuration");
-    return;
-  }
-  Bytes data(setup.wLength);
-  if ((setup.bRequestType & USB_TYPE_MASK) == USB_TYPE_STANDARD) {
-    if (read(device, &none, 0) < 0) std::perror("usb_camera: interface");
-    return;
-  }
-  // gadgetfs hands the data over before it asks whether they are liked.
-  if (read(device, data.data(), data.size()) < 0) {
-    std::perror("usb_camera: data");
-    return;
-  }
-  if (!accept(setup, data)) std::fprintf(stderr, "usb_camera: unknown request %d\n", setup.bRequest);
+  fail("vhci_hcd takes no camera");
 }
 
 void parse(int count, char** words) {
@@ -368,11 +480,7 @@ void parse(int count, char** words) {
       settings.count = std::atol(value);
     else if (word == "--broken-every")
       settings.broken_every = std::atol(value);
-    else if (word == "--format") {
-      settings.format = std::find_if(std::begin(kFormats), std::end(kFormats),
-                                     [&](const Format& format) { return std::string(value) == format.name; });
-      if (settings.format == std::end(kFormats)) fail(std::string("no format ") + value);
-    } else {
+    else {
       settings.frames = word;
       continue;
     }
@@ -380,11 +488,9 @@ void parse(int count, char** words) {
   }
   if (settings.frames.empty()) {
     std::puts(
-        "Usage: usb_camera [--width 320] [--height 240] [--rate 15] [--first N] [--count N] [--broken-every N]\n"
-        "       [--format YUYV|NV12|YU12|GREY] FILE\n"
-        "FILE: raw grey images. After the last one, or COUNT, the camera is pulled out. As root, with gadgetfs "
-        "mounted\n"
-        "at /dev/gadget and the modules dummy_hcd and gadgetfs.");
+        "Usage: usb_camera [--width 320] [--height 240] [--rate 15] [--first N] [--count N] [--broken-every N] FILE\n"
+        "FILE: raw grey images. After the last one, or COUNT, the camera is pulled out. As root, with the module\n"
+        "vhci_hcd.");
     std::exit(2);
   }
 }
@@ -392,27 +498,19 @@ void parse(int count, char** words) {
 }  // namespace
 
 int main(int count, char** words) {
+  std::setvbuf(stdout, nullptr, _IOLBF, 0);
   parse(count, words);
-  const int device = open("/dev/gadget/dummy_udc", O_RDWR | O_CLOEXEC);
-  if (device < 0) fail("/dev/gadget/dummy_udc");
-  Bytes descriptors;
-  put(&descriptors, 0, 4);
-  append(&descriptors, configuration_descriptor(false));
-  append(&descriptors, configuration_descriptor(true));
-  append(&descriptors, device_descriptor());
-  if (write(device, descriptors.data(), descriptors.size()) < 0) fail("descriptors");
-  std::printf("plugged %lld\n", static_cast<long long>(now_ns()));
-  std::fflush(stdout);
-  for (int failures = 0; failures < 100;) {
-    usb_gadgetfs_event event{};
-    if (read(device, &event, sizeof event) < static_cast<ssize_t>(sizeof event)) {
-      ++failures;  // of a request that the host, on a busy computer, has given up meanwhile
-      std::perror("usb_camera: event");
-      usleep(1000);
-      continue;
-    }
-    failures = 0;
-    if (event.type == GADGETFS_SETUP) serve(device, event.u.setup);
+  Stream stream;
+  plug_in();
+  int64_t end_ns = INT64_MAX;
+  while (now_ns() < end_ns) {
+    stream.serve();
+    if (stream.ended() && end_ns == INT64_MAX) end_ns = now_ns() + kSecond / 5;  // the host fetches the last one
+    const int64_t until_ns = std::min({stream.due_ns(), end_ns, now_ns() + kSecond});
+    pollfd waiting = {host, POLLIN, 0};
+    if (poll(&waiting, 1, static_cast<int>(std::max<int64_t>(0, (until_ns - now_ns()) / 1'000'000))) > 0 &&
+        !serve(&stream))
+      fail("the host is gone");
   }
-  fail("events");
+  return 0;
 }
