@@ -26,6 +26,7 @@ constexpr float kSecondSearchZmssd = 0.3f;
 // new scenery measures hardly any map point, and the keyframe would move where nothing holds it. Pans on the spot,
 // eight emulated runs: adjusted all the same, one is off by 14 % of the depth; with 6 to 10, 2.7 at most.
 constexpr int kMinMeasurements = 10;
+constexpr int kScalePoints = 256;  // that tell a finished map's scale, at most twice as many; bounds a slice
 // Measurements from which on a point is settled: two agree wherever it lies along its epipolar lines.
 constexpr int kSettledMeasurements = 3;
 // Change of the scale, relative, that is undone: some ten times float32's rounding, since undoing rounds every number
@@ -41,7 +42,8 @@ constexpr int64_t kCountMeasurementInstructions = 10;  // a measurement counted 
 constexpr int64_t kViewInstructions = 300;             // a keyframe compared, in one round of choosing the local ones
 constexpr int64_t kCommitPointInstructions = 20;
 constexpr int64_t kCompareDistanceInstructions = 130;  // a point's distances compared, and its share of the median
-constexpr int64_t kFollowAnchorInstructions = 200;     // an erased keyframe that follows its anchor
+constexpr int64_t kMovePointInstructions = 40, kMoveKeyframeInstructions = 400;  // into other coordinates
+constexpr int64_t kFollowAnchorInstructions = 200;  // an erased keyframe that follows its anchor
 constexpr int64_t kWeighPointInstructions = 30, kWeighObservationInstructions = 25;  // discard_outliers()
 
 Vector6f prior_information(float mean_depth) {
@@ -97,8 +99,11 @@ Task<> BundleAdjuster::run(int newest, bool velocities, int max_iterations) {
     if (outcome == BundleOutcome::kAccepted || outcome == BundleOutcome::kConverged) {
       ++result_.iterations;
       result_.final_cost = engine_.cost();
-      // Local adjustment has fixed keyframes that hold the scale.
-      if (newest < 0) hold_scale();
+      if (!map_.ready()) {
+        hold_initial_scale();
+      } else if (newest < 0) {  // in a local adjustment the fixed keyframes hold the scale
+        note_scale();
+      }
       commit();
     }
     result_.converged = outcome == BundleOutcome::kConverged || outcome == BundleOutcome::kExhausted;
@@ -106,8 +111,8 @@ Task<> BundleAdjuster::run(int newest, bool velocities, int max_iterations) {
     if (!result_.converged) co_await background_.slice();
   }
   if (std::abs(scale_ - 1.0f) > kMinScaleChange) {
-    rescale(1.0f / scale_);
-    commit();
+    co_await background_.slice();
+    restore_scale();
   }
   if (result_.converged) co_await discard_outliers();
 }
@@ -181,8 +186,8 @@ Task<> BundleAdjuster::count_measurements() {
 }
 
 // Frees all live keyframes with enough measurements, or `newest` and the nearest to it. In a map that is not ready all
-// of them, since rescale() moves all. The first keyframe's pose is the datum and never free; its velocity may be
-// free.
+// of them, since hold_initial_scale() moves all. The first keyframe's pose is the datum and never free; its velocity
+// may be free.
 Task<> BundleAdjuster::free_cameras(int newest, bool velocities) {
   FixedVector<Engine::Camera>& cameras = engine_.cameras();
   if (newest < 0) {
@@ -213,41 +218,50 @@ Task<> BundleAdjuster::free_cameras(int newest, bool velocities) {
 }
 
 // Called before a step is committed. Nothing else fixes the scale of a full adjustment. In a map that is not ready yet
-// the last camera keeps its distance from the first after each step: the tracker already tracks at that scale. In a
-// finished map the middle one of the settled points' distances tells the change, so that neither a camera nor a
-// minority of points can pull at it; it is undone at the end, since undoing it in every step would disturb velocities
-// whose priors know the scale.
-void BundleAdjuster::hold_scale() {
+// the last camera keeps its distance from the first after each step: the tracker already tracks at that scale.
+void BundleAdjuster::hold_initial_scale() {
+  FixedVector<Engine::Camera>& cameras = engine_.cameras();
   const auto centre = [](const Engine::State& camera) { return Vector3f(-(camera.R.transpose() * camera.t)); };
-  const Vector3f origin = centre(engine_.cameras()[0].now);
-  if (!map_.ready()) {
-    const SE3& T_last = map_.keyframes()[map_.keyframes().size() - 1].T_kw;
-    const float before = (T_last.centre() - origin).norm();
-    const float after = (centre(engine_.cameras().back().now) - origin).norm();
-    if (before > 0 && after > kMinExtent * before) rescale(before / after);
-    return;
+  const Vector3f origin = centre(cameras[0].now);
+  const SE3& T_last = map_.keyframes()[map_.keyframes().size() - 1].T_kw;
+  const float before = (T_last.centre() - origin).norm(), after = (centre(cameras.back().now) - origin).norm();
+  if (!(before > 0) || !(after > kMinExtent * before)) return;
+  const float scale = before / after;
+  for (Engine::Camera& camera : cameras) {
+    camera.now.t = -(camera.now.R * (origin + scale * (centre(camera.now) - origin)));
+    camera.now.velocity.head<3>() *= scale;
   }
+  for (Engine::Point& point : engine_.points()) point.p = origin + scale * (point.p - origin);
+}
+
+// Likewise in a finished map: notes by how much the step changes its scale. The middle one of the settled points'
+// distances from the datum tells, so that neither a camera nor a minority of points can pull at it.
+void BundleAdjuster::note_scale() {
+  const Vector3f origin = map_.keyframes()[0].T_kw.centre();
   ratios_.clear();
-  for (int i = 0; i < point_indices_.size(); ++i) {
+  const int stride = 1 + point_indices_.size() / kScalePoints;
+  for (int i = 0; i < point_indices_.size(); i += stride) {
     const Engine::Point& entry = engine_.points()[i];
     if (entry.count < kSettledMeasurements) continue;
     const float before_sq = (map_.points()[point_indices_[i]].p_w - origin).squaredNorm();
     if (before_sq > 0) ratios_.push_back((entry.p - origin).squaredNorm() / before_sq);
   }
-  meter_.charge(Work::kOther, kCompareDistanceInstructions * point_indices_.size());
-  if (ratios_.size() >= kMinPoints) scale_ = std::max(scale_ * std::sqrt(median_of(ratios_)), kMinExtent);
+  meter_.charge(Work::kOther, kCompareDistanceInstructions * ratios_.size());
+  if (ratios_.size() < kMinPoints) return;
+  const float change = std::sqrt(median_of(ratios_));
+  if (change > kMinExtent && change < 1 / kMinExtent) scale_ *= change;
 }
 
-// Scales what the adjustment has changed about the first camera's centre.
-void BundleAdjuster::rescale(float scale) {
-  FixedVector<Engine::Camera>& cameras = engine_.cameras();
-  const auto centre = [](const Engine::State& camera) { return Vector3f(-(camera.R.transpose() * camera.t)); };
-  const Vector3f origin = centre(cameras[0].now);
-  for (Engine::Camera& camera : cameras) {
-    if (camera.pose_free) camera.now.t = -(camera.now.R * (origin + scale * (centre(camera.now) - origin)));
-    if (camera.velocity_free || !map_.ready()) camera.now.velocity.head<3>() *= scale;
-  }
-  for (Engine::Point& point : engine_.points()) point.p = origin + scale * (point.p - origin);
+// Undoes what note_scale() has noted, about the datum's centre: a change of the world's coordinates, which the
+// keyframes in the queue and the tracker follow. Not in every step: velocities have priors that know the scale, and
+// adjustment would not converge.
+void BundleAdjuster::restore_scale() {
+  Similarity S;
+  S.scale = 1.0f / scale_;
+  S.T.t = map_.keyframes()[0].T_kw.centre() * (scale_ - 1.0f);
+  map_.apply(S);
+  meter_.charge(Work::kOther,
+                kMovePointInstructions * map_.points().size() + kMoveKeyframeInstructions * map_.keyframes().size());
 }
 
 // Writes one accepted step into the map, as a whole.

@@ -57,8 +57,9 @@ class BundleAdjuster {
   Task<> discard_outliers();
   bool measure_again(const MapPoint& point, Measurement* measurement);
   void commit();
-  void hold_scale();
-  void rescale(float scale);
+  void hold_initial_scale();
+  void note_scale();
+  void restore_scale();
 
   const Config& config_;
   Map& map_;

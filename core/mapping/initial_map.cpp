@@ -157,7 +157,9 @@ Task<bool> InitialMap::align_to_ground() {
     if (ground.found) ground = co_await refine(ground, coarse);
     const auto share = [&](float of) { return of * static_cast<float>(points_.size()); };
     const Support support = support_of(ground, coarse);
-    if (ground.found && faces_up(ground) && static_cast<float>(support.on) >= share(kMinGroundShare) &&
+    meter_.charge(Work::kOther, kTrialInstructions * points_.size());
+    if (ground.found && faces_up(ground) && ground.normal.z() > kMinCosAxis &&
+        static_cast<float>(support.on) >= share(kMinGroundShare) &&
         static_cast<float>(support.below) <= share(kMaxBelowShare))
       plane = ground;
   }
@@ -166,8 +168,8 @@ Task<bool> InitialMap::align_to_ground() {
 }
 
 // Whether the plane's upper side is seen by a camera that is held upright. A front that stands on a ground does not
-// face up, from wherever it is seen; a ground seen from straight above does not either, and nor does anything else
-// then.
+// face up, unless the camera itself looks up by over 20 degrees; a ground seen from straight above does not either, and
+// then there is no front.
 bool InitialMap::faces_up(const Plane& plane) const {
   return plane.normal.y() > kMinFacingUp;  // from the camera to the plane: down in the image
 }

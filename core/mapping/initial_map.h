@@ -15,7 +15,7 @@ class InitialMap {
              BundleAdjuster& bundle, KeyframePose& pose);
 
   // A coroutine of `background`. False when the map does not explain its measurements, when too few points are left, or
-  // when no dominant plane is found: the map is of no use then.
+  // when no plane is found: the map is of no use then.
   Task<bool> finish();
 
   FrameStack& frames() { return background_.frames(); }

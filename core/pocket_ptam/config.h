@@ -66,7 +66,7 @@ struct Config {
   int search_level = 1, coarse_search_level = 2;
 
   float initial_baseline = 0.1f;  // length of the sideways start, world units [ptam 6.1: 10 cm]
-  // Distance from the camera centre of the first view to the dominant plane, world units, when the user knows it. Sets
+  // Distance from the camera centre of the first view to the plane z = 0, world units, when the user knows it. Sets
   // the scale instead of initial_baseline. 0: not known.
   float initial_plane_distance = 0;
   // Starts initialisation without a tap once the camera has been held still for 0.3 s before a textured view. After a

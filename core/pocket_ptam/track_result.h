@@ -78,8 +78,8 @@ struct TrackResult {
   bool pose_valid = false;  // whether T_cw and covariance are valid; true only in state kTracking
   // Much motion blur was predicted, so the search used Config::coarse_search_level, and the map took nothing.
   bool blurred = false;
-  // The points agree, but far worse than usual: a zoom, a stabiliser's jump, pictures out of order. The quality is poor,
-  // and the map took nothing unless few points were left.
+  // The points agree, but far worse than usual: a zoom, a stabiliser's jump, pictures out of order. The quality is
+  // poor, and the map took nothing unless few points were left.
   bool misfit = false;
   bool keyframe_added = false;
   bool repeated = false;  // the last picture again, bit for bit: its pose, nothing was searched

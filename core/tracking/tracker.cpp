@@ -260,7 +260,7 @@ void Tracker::accept(const MapMatch& match, bool blurred, TrackResult* result) {
   // The map takes nothing from blurred frames, nor from misfits while it serves without. It does from those of poor
   // quality: few points that agree constrain a pose whatever was not found, and a map that does not grow there starves.
   if (blurred) return;
-  result->misfit = map_.ready() && !frame_fit_.fits(result->reprojection_px, frame_.dt_s());
+  result->misfit = map_.ready() && match.inliers > 0 && !frame_fit_.fits(result->reprojection_px, frame_.dt_s());
   if (result->misfit) result->quality = TrackingQuality::kPoor;
   if (result->misfit && match.inliers >= kEnoughToRefuse) return;
   const bool fixed = map_.ready() && map_.locked();

@@ -341,7 +341,7 @@ void add_live_options(CLI::App* live, LiveChoice* chosen) {
   live->add_flag("--no-auto-start", chosen->no_auto_start,
                  "Start when t is pressed, not when the camera is held still");
   live->add_option("--plane-distance", run.plane_distance,
-                   "Of the first view from the dominant plane, in any unit: sets the map's scale")
+                   "Of the first view from the ground, z = 0, in any unit: sets the map's scale")
       ->check(CLI::Range(0.001, 1000.0))
       ->type_name("LENGTH");
   live->add_option(

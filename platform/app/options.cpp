@@ -95,7 +95,7 @@ void add_run_options(CLI::App* command, RunOptions* run, OutputOptions* output) 
                     "No tap: start when the camera is held still, again after failures");
   command
       ->add_option("--plane-distance", run->plane_distance,
-                   "Of the first view from the dominant plane, in any unit: sets the map's scale")
+                   "Of the first view from the ground, z = 0, in any unit: sets the map's scale")
       ->check(CLI::Range(0.001, 1000.0))
       ->type_name("LENGTH");
   command->add_option("--max-keyframes", run->max_keyframes, "Config::max_keyframes [35]")->type_name("N");

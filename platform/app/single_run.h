@@ -18,7 +18,7 @@ namespace pptam::app {
 
 // What is known of the sequence beyond its true trajectory.
 struct Knowledge {
-  bool plane_known = false;  // the truth's z = 0 is the scene's dominant plane
+  bool plane_known = false;  // the truth's z = 0 is the scene's ground
   // Further rows for the summary; null: none.
   std::function<std::vector<platform::SummaryRow>(const platform::RunLog&, const platform::Trajectory& truth)> judge;
   platform::Inputs inputs;                           // what it is read from: never an output

@@ -243,7 +243,7 @@ std::string report_page(const RunLog& log, const RunSummary& summary, const Traj
                [&] { return plot_trajectories(*summary.evaluation, truth); });
     }
     if (!log.map_points.empty()) {
-      add_plot("Map", "World units: 0.1 is the distance between the first two keyframes; z = 0 is the dominant plane.",
+      add_plot("Map", "World units: 0.1 is the distance between the first two keyframes; z = 0 is the ground.",
                [&] { return plot_map(log); });
     }
     if (!log.frames.empty()) {

@@ -19,7 +19,7 @@ struct RunSummary {
   std::optional<Evaluation> evaluation;
   std::vector<SummaryRow> judgement;  // what the laboratory says of the emulated phone's run, by its story
   std::string evaluation_trouble;     // why there is no evaluation although there is ground truth
-  bool plane_known = false;           // the truth's z = 0 is the scene's dominant plane
+  bool plane_known = false;           // the truth's z = 0 is the scene's ground
   std::string command;                // how to repeat the run
   std::string version;
   std::vector<std::string> warnings;  // a row each

@@ -12,7 +12,7 @@ namespace pptam::platform {
 
 std::string ply_text(std::span<const MapPointInfo> points) {
   std::string text = format(
-      "ply\nformat ascii 1.0\ncomment map points in world units, z = 0 is the dominant plane\ncomment %s\n"
+      "ply\nformat ascii 1.0\ncomment map points in world units, z = 0 is the ground\ncomment %s\n"
       "element vertex %zu\n"
       "property float x\nproperty float y\nproperty float z\n"
       "property float nx\nproperty float ny\nproperty float nz\n"

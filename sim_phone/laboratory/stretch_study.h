@@ -20,12 +20,14 @@ struct StretchRun {
   int judged = 0;              // poses there that are called good
   int wrong_good = 0;          // wrong ones among them, as Evaluation defines them, by the map before
   double largest_percent;      // error of the position there, of the extent; NaN: no pose
+  int misfits_before = 0, misfits_within = 0;  // frames told as misfits, before the stretch and in it
   StretchRun();
 };
 
 // none, shuffled, shifted, zoomed, frozen, backwards, foreign
 std::vector<std::string> stretch_kinds();
-// phone: 20 s or longer. kind: one of stretch_kinds().
+// phone: kMinStretchRun_s or longer. kind: one of stretch_kinds(). Throws InputError on others.
+constexpr double kMinStretchRun_s = 18;
 StretchRun run_stretch(const sim::PhoneOptions& phone, const platform::RunOptions& options, const std::string& kind);
 
 struct StretchStudyOptions {

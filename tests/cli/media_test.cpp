@@ -134,7 +134,13 @@ TEST_F(Media, FramesHaveTheirOwnTimes) {
   // One that ffmpeg 7.1 writes also hides the last frame, whose time comes before the one that is stored last.
   copy("v.mkv", {"-f", "mp4"}, "v.mp4");
   std::vector<int64_t> times_ms = see("v.mp4").times_ms;
-  if (times_ms.size() == 8) times_ms.push_back(520);
+  ChildProcess version({"ffmpeg", "-version"}, ChildProcess::Pipe::kReadStdout);
+  std::string says(64, ' ');
+  says.resize(version.read(says.data(), says.size()));
+  version.finish();
+  const size_t number = says.find("version ");
+  ASSERT_NE(number, std::string::npos) << says;
+  if (std::atoi(says.c_str() + number + 8) >= 7 && times_ms.size() == 8) times_ms.push_back(520);
   EXPECT_EQ(times_ms, seen.times_ms);
 }
 

@@ -27,7 +27,7 @@ TEST(FrameFit, UsualFramesFitWhateverTheCamera) {
 TEST(FrameFit, AJumpDoesNotFitAndTheOldOnesDoAfterwards) {
   FrameFit fit;
   for (int i = 0; i < 30; ++i) fit.fits(0.2f, kFrame_s);
-  for (int i = 0; i < 30; ++i) EXPECT_FALSE(fit.fits(0.4f, kFrame_s)) << i;  // 2 s
+  for (int i = 0; i < 30; ++i) EXPECT_FALSE(fit.fits(0.6f, kFrame_s)) << i;  // 2 s
   for (int i = 0; i < 30; ++i) EXPECT_TRUE(fit.fits(0.2f, kFrame_s)) << i;
 }
 
@@ -37,7 +37,7 @@ TEST(FrameFit, SlowChangesAreFollowedAtAnyFrameRate) {
     bool all_fit = true, all_fit_quick = true;
     for (float t_s = 0; t_s < 20; t_s += frame_s) {
       all_fit &= slow.fits(0.2f * (1 + 0.1f * t_s), frame_s);  // 10 % a second at most: slower than what is learnt
-      all_fit_quick &= quick.fits(0.2f * (1 + 0.6f * t_s), frame_s);  // reaches 1.7 times what is learnt after 1.7 s
+      all_fit_quick &= quick.fits(0.2f * (1 + 1.2f * t_s), frame_s);  // 2.5 times what is learnt after 1.8 s
     }
     EXPECT_TRUE(all_fit) << frame_s;
     EXPECT_FALSE(all_fit_quick) << frame_s;
@@ -48,8 +48,20 @@ TEST(FrameFit, WhatLastsBecomesUsual) {
   FrameFit fit;
   for (int i = 0; i < 30; ++i) fit.fits(0.2f, kFrame_s);
   int refused = 0;
-  while (refused < 1000 && !fit.fits(0.5f, kFrame_s)) ++refused;
+  while (refused < 1000 && !fit.fits(0.6f, kFrame_s)) ++refused;
   EXPECT_NEAR(static_cast<float>(refused) * kFrame_s, 3.0f, 2 * kFrame_s);
+}
+
+TEST(FrameFit, APauseTeachesNothing) {
+  for (const float before_px : {0.19f, 0.21f}) {
+    FrameFit fit;
+    for (int i = 0; i < 30; ++i) fit.fits(0.2f, kFrame_s);
+    EXPECT_TRUE(fit.fits(before_px, 3600)) << "an hour's pause";
+    EXPECT_FALSE(fit.fits(0.6f, kFrame_s)) << "usual is still 0.2";
+    EXPECT_TRUE(fit.fits(0.2f, kFrame_s));
+    EXPECT_FALSE(fit.fits(0.6f, 3600));
+    EXPECT_FALSE(fit.fits(0.6f, kFrame_s)) << "one frame after a pause is not a misfit that lasts";
+  }
 }
 
 TEST(FrameFit, APerfectFirstFrameDoesNotBlockTheMap) {
