@@ -26,6 +26,9 @@ constexpr float kSecondSearchZmssd = 0.3f;
 // new scenery measures hardly any map point, and the keyframe would move where nothing holds it. Pans on the spot,
 // eight emulated runs: adjusted all the same, one is off by 14 % of the depth; with 6 to 10, 2.7 at most.
 constexpr int kMinMeasurements = 10;
+// Live keyframes up to which a map is still taking shape: its points move against its cameras, and holding their size
+// would change that of the path. In a video of a cube on a table one of eleven starts is bent so.
+constexpr int kMaxGrowingKeyframes = 16;
 constexpr int kScalePoints = 256;  // that tell a finished map's scale, at most twice as many; bounds a slice
 // Measurements from which on a point is settled: two agree wherever it lies along its epipolar lines.
 constexpr int kSettledMeasurements = 3;
@@ -101,8 +104,8 @@ Task<> BundleAdjuster::run(int newest, bool velocities, int max_iterations) {
       result_.final_cost = engine_.cost();
       if (!map_.ready()) {
         hold_initial_scale();
-      } else if (newest < 0) {  // in a local adjustment the fixed keyframes hold the scale
-        note_scale();
+      } else if (newest < 0 && map_.live_count() > kMaxGrowingKeyframes) {
+        note_scale();  // in a local adjustment the fixed keyframes hold it
       }
       commit();
     }

@@ -28,7 +28,7 @@ constexpr float kEnoughPositionSigma = 0.006f;
 // Inliers from which on the map takes nothing from a misfit. In a video of a cube on a table 5 % of the frames are
 // misfits, most of them with fewer points than this: of eleven starts four are lost for a while when the map refuses
 // them all, two with 20, none with 25 or 30. With 30 one of twelve emulated stabilisers' jumps leaves wrong poses.
-constexpr int kEnoughToRefuse = 25;
+constexpr int kEnoughToRefuse = 32;
 // Image motion within the exposure, level-0 px, above which points are searched in the coarse level, and the map takes
 // nothing: templates are blurred by as much in level 1 as can still be told apart, most of their width. With 6 in place
 // of 12, and sharp templates, two emulated dim rooms cost 2 and 5 times the error (1.07 in place of 0.19 % in one).
