@@ -154,7 +154,7 @@ check_frames() {
   awk '$2 <= last {wrong = 1} {last = $2} END {exit wrong}' "$out/numbers.txt" || fail "frames out of order"
   awk -v pulled=$pulled_after '$2 > pulled && ($2 - pulled) % 30 == 0 {wrong = 1} END {exit wrong}' \
     "$out/numbers.txt" || fail "an erroneous frame was tracked"
-  # Those before a start's first one, and in the driver's buffers when it is pulled out, are lost unseen.
+  # Those before a start's first one, and in the driver's buffers when it is pulled out, are not between tracked ones.
   ((gaps <= left_out)) || fail "$gaps frames are missing between tracked ones, of which only $left_out are told"
   ((tracked >= sent * 5 / 6)) || fail "of $sent frames only $tracked were tracked"
   ((poses >= leisure_poses * 5 / 6 && poses > 0)) ||
