@@ -199,7 +199,8 @@ check_path() {
 
 # In % of the path; 0 when there is none.
 error_of() {
-  { "$build/pocket-ptam" eval "$1" "$out/clip/groundtruth.txt" || true; } | awk '/trajectory error/ {e = $3} END {print e + 0}'
+  { "$build/pocket-ptam" eval "$1" "$out/clip/groundtruth.txt" || true; } |
+    awk '/trajectory error/ {e = $3} END {print e + 0}'
 }
 
 check_ages() {
