@@ -13,7 +13,7 @@ read_board_options() {
         if [[ "$1" != --* || "$known" != *" ${1#--} "* ]]; then
           echo "error: $1 is neither arm64, armhf nor armel, nor an option; see --help" >&2
           exit 2
-        elif (($# < 2)); then
+        elif [[ -z "${2:-}" ]]; then
           echo "error: $1 needs a value; see --help" >&2
           exit 2
         fi

@@ -104,15 +104,25 @@ class CameraDevice {
   CameraRequest accepted_;  // by the last configure()
 };
 
-// "700x500 YUYV became 640x480 YUYV"; empty: size and format are as wanted.
+// "700x500 YUYV became 640x480 YUYV", of what was wanted only; empty: size and format are so.
 inline std::string adjustment(const CameraRequest& wanted, const CameraMode& given) {
-  const bool sized = wanted.width > 0 && wanted.height > 0;
-  if ((!sized || (wanted.width == given.width && wanted.height == given.height)) &&
-      (wanted.format.empty() || wanted.format == given.format)) {
-    return "";
-  }
-  return format("%dx%d %s became %dx%d %s", wanted.width, wanted.height, wanted.format.c_str(), given.width,
-                given.height, given.format.c_str());
+  const bool other_width = wanted.width > 0 && wanted.width != given.width;
+  const bool other_height = wanted.height > 0 && wanted.height != given.height;
+  const bool other_format = !wanted.format.empty() && wanted.format != given.format;
+  if (!other_width && !other_height && !other_format) return "";
+  const auto text_of = [&](int width, int height, const std::string& name) {
+    std::string text;
+    if (wanted.width > 0 && wanted.height > 0)
+      text = format("%dx%d", width, height);
+    else if (wanted.width > 0)
+      text = format("width %d", width);
+    else if (wanted.height > 0)
+      text = format("height %d", height);
+    if (!wanted.format.empty()) text += (text.empty() ? "" : " ") + name;
+    return text;
+  };
+  return text_of(wanted.width, wanted.height, wanted.format) + " became " +
+         text_of(given.width, given.height, given.format);
 }
 
 }  // namespace pptam::platform

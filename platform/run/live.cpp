@@ -69,6 +69,10 @@ class LiveRun {
   bool meet(CameraEvent event);
   void press(LiveKey key);
   void mark();
+  void forget_marks() {
+    aimed_.reset();
+    marked_.reset();
+  }
   void save();
   LiveResult finish();
   void say(const std::string& text) const {
@@ -87,7 +91,7 @@ class LiveRun {
   int64_t begun_ns_ = 0;  // by clock_
   int slices_ = 0;
   int64_t mapping_ns_ = 0;
-  std::optional<uint32_t> aimed_;   // in the last frame, with a length
+  std::optional<uint32_t> aimed_;   // in the last frame, with a length; none: there is no such frame or point
   std::optional<uint32_t> marked_;  // one end of the length
   bool over_ = false;
   bool trouble_told_ = false;
@@ -172,6 +176,7 @@ bool LiveRun::stale() const {
 bool LiveRun::fresh_frame(Frame* frame) {
   for (int i = 0; i < kMostStale && stale(); ++i) {
     camera_.give_back();
+    ++result_.status.stale;
     if (!next_frame(frame)) return false;
   }
   return true;
@@ -182,6 +187,7 @@ bool LiveRun::meet(CameraEvent event) {
   switch (event) {
     case CameraEvent::kUnplugged:
       status.camera_gone = true;
+      aimed_.reset();
       say(camera_.status().trouble + "; waiting for it to come back");
       break;
     case CameraEvent::kReplugged:
@@ -205,11 +211,11 @@ void LiveRun::press(LiveKey key) {
     case LiveKey::kNothing:
       return;
     case LiveKey::kTap:
-      marked_.reset();
+      forget_marks();
       system_->tap();
       return say("tap: the next frame is the first view; move sideways");
     case LiveKey::kReset:
-      marked_.reset();
+      forget_marks();
       system_->reset();
       return say("reset: everything is forgotten");
     case LiveKey::kLock:
@@ -260,9 +266,11 @@ void LiveRun::track(const Frame& frame) {
   const int index = log.source_frames++;
   if (!result.status.ok()) {
     if (status.refused++ == 0) say(std::string("a frame was refused: ") + result.status.message());
+    aimed_.reset();
     camera_.give_back();
     return;
   }
+  if (result.map_points == 0) forget_marks();
   if (options_.length > 0) aimed_ = aimed_point(result, camera_.info().model);
   status.camera = camera_.status();
   if (observer_.on_result && !observer_.on_result(result, status.camera.arrived_ns)) over_ = true;
@@ -307,7 +315,7 @@ LiveResult LiveRun::finish() {
   result_.status.camera = camera_.status();
   log.warnings = camera_.remarks();
   camera_.stop();
-  log.dropped = static_cast<int>(std::min<int64_t>(result_.status.camera.dropped, INT32_MAX));
+  log.dropped = static_cast<int>(std::min<int64_t>(result_.status.camera.dropped + result_.status.stale, INT32_MAX));
   log.source_frames += log.dropped;
   RunOptions wanted = options_.run;
   if (wanted.save_map && session_.system->map_bytes() == 0) {  // nobody's fault: it was ended when it was
@@ -356,7 +364,8 @@ std::vector<SummaryRow> summarise(const LiveResult& result) {
   const double rate = status.seconds > 0 ? static_cast<double>(status.frames - 1) / status.seconds : 0;
   rows.push_back({"frames", count(status.frames) + format(" tracked in %.1f s, %.1f a second; ", status.seconds, rate) +
                                 count(status.camera.dropped) + " dropped for newer ones, " +
-                                count(status.camera.missed) + " missing, " + count(status.camera.broken) + " broken"});
+                                count(status.camera.missed) + " missing, " + count(status.camera.broken) + " broken, " +
+                                count(status.stale) + " too old at the start"});
   if (!status.camera.clock.empty()) rows.push_back({"times", status.camera.clock});
   if (status.camera.unplugged > 0)
     rows.push_back({"interruptions", count(status.camera.unplugged) + ", the last one: " + status.camera.trouble});

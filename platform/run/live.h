@@ -50,6 +50,7 @@ struct LiveStatus {
   int64_t frames = 0;   // tracked
   int64_t poses = 0;    // of these, with a pose
   int64_t refused = 0;  // by the system
+  int64_t stale = 0;    // passed over at the start: they came while the system was built
   int keyframes = 0, map_points = 0;
   int recorded = 0;
   std::string record_trouble;

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "platform/camera/calibration.h"
+#include "platform/camera/camera_device.h"
 #include "platform/camera/device_camera.h"
 #include "platform/camera/v4l2_device.h"
 #include "platform/files.h"
@@ -127,6 +128,18 @@ TEST_F(V4l2, ConfigurationIsValidAdjustedOrInvalid) {
   driver_.on_format = [](v4l2_pix_format*) {};
   driver_.fails[VIDIOC_S_FMT] = EINVAL;
   EXPECT_EQ(device->configure({640, 480, 30, "YUYV"}).answer, ConfigurationAnswer::kInvalid);
+}
+
+TEST(Adjustments, TellWhatWasWantedOnly) {
+  const CameraMode given = {"MJPG", 640, 480, {}};
+  EXPECT_EQ(adjustment({}, given), "");
+  EXPECT_EQ(adjustment({640, 480, 15, "MJPG"}, given), "");
+  EXPECT_EQ(adjustment({700, 500, 0, "YUYV"}, given), "700x500 YUYV became 640x480 MJPG");
+  EXPECT_EQ(adjustment({700, 500, 0, ""}, given), "700x500 became 640x480");
+  EXPECT_EQ(adjustment({0, 0, 0, "YUYV"}, given), "YUYV became MJPG");
+  EXPECT_EQ(adjustment({700, 0, 0, ""}, given), "width 700 became width 640");
+  EXPECT_EQ(adjustment({0, 500, 0, ""}, given), "height 500 became height 480");
+  EXPECT_EQ(adjustment({640, 0, 0, ""}, given), "");
 }
 
 TEST_F(V4l2, HalvesAndCarriesTheIntrinsicsAlong) {

@@ -105,7 +105,7 @@ guest_libcamera() {
   if [[ ! -e "$folder" ]]; then
     [[ -z "$offline" ]] || skip "Debian $suite's libcamera is not here; tests/platform/drivers.sh --fetch libcamera"
     need_commands apt-get:apt dpkg-deb:dpkg
-    rm -rf "$folder.new"
+    rm -rf "$folder.new" "$folder.debs"
     mkdir -p "$folder.new"/usr/lib{,64} "$folder.debs/partial"
     ln -s usr/lib usr/lib64 "$folder.new"  # as Debian 13's packages have it; 12's have both
     echo "boot.sh: fetching Debian $suite's libcamera" >&2

@@ -26,7 +26,7 @@ inline std::vector<GreyImage> read_grey_images(const std::string& file, size_t p
 struct Likeness {
   size_t number = 0;  // of the image that is most alike, from 1
   double best = 1e9;  // mean difference to it, grey levels
-  double next = 1e9;  // to the image after it: what there would be if it were the wrong one
+  double next = 1e9;  // to the image after it, of the last one before it: what there would be if it were the wrong one
 };
 
 inline Likeness find_alike(const GreyImage& frame, const std::vector<GreyImage>& images) {
@@ -41,7 +41,7 @@ inline Likeness find_alike(const GreyImage& frame, const std::vector<GreyImage>&
   if (best == means.end()) return found;
   found.number = static_cast<size_t>(best - means.begin()) + 1;
   found.best = *best;
-  if (best + 1 != means.end()) found.next = *(best + 1);
+  if (means.size() > 1) found.next = best + 1 != means.end() ? *(best + 1) : *(best - 1);
   return found;
 }
 

@@ -308,7 +308,7 @@ void reply(const Message& asked, uint32_t command, int status, const Bytes& data
   std::memcpy(all.data(), words.data(), sizeof message);
   if (asked.direction == 1 && status == 0) all.insert(all.end(), data.begin(), data.begin() + static_cast<long>(bytes));
   for (size_t at = 0; at < all.size();) {
-    const ssize_t sent = write(host, &all[at], all.size() - at);
+    const ssize_t sent = send(host, &all[at], all.size() - at, MSG_NOSIGNAL);
     if (sent < 0 && errno != EINTR) fail("the host is gone");
     if (sent > 0) at += static_cast<size_t>(sent);
   }
@@ -323,9 +323,14 @@ bool receive(void* to, size_t bytes) {
 class Stream {
  public:
   Stream() : file_(settings.frames, std::ios::binary) {
+    if (!file_) fail(settings.frames);
     const long bytes = static_cast<long>(settings.width) * settings.height;
     const long there = static_cast<long>(std::filesystem::file_size(settings.frames)) / bytes - settings.first;
     count_ = settings.count < 0 ? there : std::min(there, settings.count);
+    if (count_ <= 0) {
+      std::fprintf(stderr, "usb_camera: %s has no frame %ld\n", settings.frames.c_str(), settings.first);
+      std::exit(1);
+    }
     grey_.resize(static_cast<size_t>(bytes));
     file_.seekg(settings.first * bytes);
   }
@@ -398,7 +403,8 @@ class Stream {
 bool accept(const usb_ctrlrequest& setup, const Bytes& data, Stream* stream) {
   const int selector = setup.wValue >> 8, unit = setup.wIndex >> 8;
   if ((setup.bRequestType & USB_TYPE_MASK) == USB_TYPE_STANDARD) {
-    if (setup.bRequest == USB_REQ_CLEAR_FEATURE) stream->halt();  // uvcvideo ends a stream by it
+    if (setup.bRequest == USB_REQ_CLEAR_FEATURE && setup.wIndex == kEndpoint)
+      stream->halt();  // uvcvideo ends a stream by it
     return true;
   }
   if ((setup.bRequestType & USB_TYPE_MASK) != USB_TYPE_CLASS || setup.bRequest != 1) return false;
@@ -486,7 +492,8 @@ void parse(int count, char** words) {
     }
     ++i;
   }
-  if (settings.frames.empty()) {
+  if (settings.frames.empty() || settings.width < 1 || settings.height < 1 || !(settings.rate_hz > 0) ||
+      settings.first < 0 || settings.count == 0) {
     std::puts(
         "Usage: usb_camera [--width 320] [--height 240] [--rate 15] [--first N] [--count N] [--broken-every N] FILE\n"
         "FILE: raw grey images. After the last one, or COUNT, the camera is pulled out. As root, with the module\n"

@@ -3,19 +3,20 @@
 #include <gtest/gtest.h>
 
 #include <cstdlib>
-#include <ctime>
 #include <memory>
 #include <string>
 #include <vector>
 
 #include "platform/camera/device_camera.h"
 #include "platform/camera/v4l2_device.h"
+#include "platform/run/clocks.h"
 #include "tests/platform/likeness.h"
 
 namespace pptam::platform {
 namespace {
 
 using test::GreyImage, test::Likeness;
+
 // JPEG of the highest quality rounds each coefficient to a whole number: errors spread evenly between -0.5 and 0.5,
 // whose rms of 0.29 is that of the pixels, too; their mean is 0.8 of it, 0.23 grey levels, and rounding the pixels adds
 // at most 0.5. The frame after it is the control.
@@ -31,10 +32,10 @@ TEST(UsbCamera, ShowsItsFramesInEveryFormat) {
       const std::unique_ptr<Camera> camera = make_device_camera(open_v4l2_device("/dev/video0"), options, nullptr);
       camera->start();
       Frame frame;
-      timespec now{};
-      clock_gettime(CLOCK_MONOTONIC, &now);
+      const int64_t deadline_ns = SteadyClock().now_ns() + 4'000'000'000;
       CameraEvent event = CameraEvent::kTimeout;
-      while (event == CameraEvent::kTimeout) event = camera->wait(&frame, (now.tv_sec + 4) * int64_t{1'000'000'000});
+      while (event == CameraEvent::kTimeout && SteadyClock().now_ns() < deadline_ns)
+        event = camera->wait(&frame, deadline_ns);
       ASSERT_EQ(event, CameraEvent::kFrame) << format << " " << camera->status().trouble;
       ASSERT_EQ(frame.width, 320);
       ASSERT_EQ(frame.height, 240);
