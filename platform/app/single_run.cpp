@@ -101,6 +101,17 @@ class Show {
   std::string trouble_;
 };
 
+// Null, with a warning, where nothing can be drawn.
+std::unique_ptr<Show> make_show(const CameraInfo& camera, const OutputFolder& folder,
+                                std::vector<std::string>* warnings) {
+  try {
+    return std::make_unique<Show>(camera, folder, warnings);
+  } catch (const InputError& error) {
+    warnings->push_back(std::string("there is no overlay: ") + error.what());
+    return nullptr;
+  }
+}
+
 // The run, with its overlay and its progress on the terminal. The folder is made once the input is known to be good.
 RunLog run_and_show(const Runner& runner, const OutputOptions& output, const OutputFolder& folder,
                     std::unique_ptr<Show>* show, std::vector<std::string>* warnings) {
@@ -109,7 +120,7 @@ RunLog run_and_show(const Runner& runner, const OutputOptions& output, const Out
       [&](const CameraInfo& info) {
         folder.prepare();
         stop_on_signals();  // first: the overlay's encoder is to be ended like the rest
-        if (!output.no_overlay) *show = std::make_unique<Show>(info, folder, warnings);
+        if (!output.no_overlay) *show = make_show(info, folder, warnings);
       },
       [&](const Frame& frame, const TrackResult& result, const RunLog& so_far) {
         const FrameLog& entry = so_far.frames.back();

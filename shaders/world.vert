@@ -1,0 +1,11 @@
+// Triangles and points of the world. lens.glsl stands before it.
+attribute vec3 p_w;
+attribute vec4 colour;
+attribute float size;  // of a point, pixels of the canvas; of a triangle unused
+varying vec4 shade;
+
+void main() {
+  gl_Position = clip_position(seen(p_w));
+  gl_PointSize = size;
+  shade = colour;
+}
