@@ -1,12 +1,11 @@
 #include "platform/display/kms_display.h"
 
-#include <fcntl.h>
-#include <poll.h>
-#include <unistd.h>
-
 #include <EGL/egl.h>
 #include <EGL/eglext.h>
+#include <fcntl.h>
 #include <gbm.h>
+#include <poll.h>
+#include <unistd.h>
 #include <xf86drm.h>
 #include <xf86drmMode.h>
 
@@ -26,8 +25,8 @@
 namespace pptam::platform {
 namespace {
 
-constexpr int64_t kLookEvery_ns = 500'000'000;    // at connectors, and at a screen that another program has
-constexpr int64_t kLostFlip_ns = 1'000'000'000;   // a picture that was not shown by then never will be
+constexpr int64_t kLookEvery_ns = 500'000'000;   // at connectors, and at a screen that another program has
+constexpr int64_t kLostFlip_ns = 1'000'000'000;  // a picture that was not shown by then never will be
 
 int64_t now_ns() {
   timespec now = {};
@@ -70,7 +69,8 @@ class Card {
       fd_ = ::open(path.c_str(), O_RDWR | O_CLOEXEC);
       if (fd_ < 0) {
         if (errno == EACCES)
-          trouble = path + ": permission denied: add yourself to the group video (adduser $USER video) and log in again";
+          trouble =
+              path + ": permission denied: add yourself to the group video (adduser $USER video) and log in again";
         continue;
       }
       if (find_screen()) return;
@@ -90,7 +90,8 @@ class Card {
   const std::string& name() const { return name_; }
 
   bool connected() const {
-    const Connector connector(drmModeGetConnectorCurrent(fd_, connector_));  // does not ask the screen, which takes long
+    const Connector connector(
+        drmModeGetConnectorCurrent(fd_, connector_));  // does not ask the screen, which takes long
     return connector && connector->connection == DRM_MODE_CONNECTED;
   }
   // The first connected screen, with its mode.
@@ -143,10 +144,12 @@ class KmsDisplay : public Display {
   KmsDisplay() : input_(!console_.there()) {
     drmSetMaster(card_.fd());
     if (drmIsMaster(card_.fd()) == 0)
-      throw InputError("screen " + card_.name() + ": another program has it, a desktop perhaps: use --show=window there, or "
+      throw InputError("screen " + card_.name() +
+                       ": another program has it, a desktop perhaps: use --show=window there, or "
                        "a text console");
     gbm_ = gbm_create_device(card_.fd());
-    if (gbm_ == nullptr) throw InputError("screen " + card_.name() + ": GBM has no driver for it (Debian: libgl1-mesa-dri)");
+    if (gbm_ == nullptr)
+      throw InputError("screen " + card_.name() + ": GBM has no driver for it (Debian: libgl1-mesa-dri)");
     try {
       crtc_before_ = drmModeGetCrtc(card_.fd(), card_.crtc());
       egl_ = std::make_unique<EglContext>(EGL_PLATFORM_GBM_KHR, gbm_, static_cast<EGLint>(GBM_FORMAT_XRGB8888));
@@ -182,7 +185,8 @@ class KmsDisplay : public Display {
     egl_->make_current(surface_);
     renderer_->draw(scene, false);
     if (rgba != nullptr) read_pixels(width(), height(), true, rgba);
-    if (eglSwapBuffers(egl_->display(), surface_) == EGL_FALSE) throw InputError("screen " + card_.name() + ": " + egl_error());
+    if (eglSwapBuffers(egl_->display(), surface_) == EGL_FALSE)
+      throw InputError("screen " + card_.name() + ": " + egl_error());
     gbm_bo* buffer = gbm_surface_lock_front_buffer(gbm_surface_);
     if (buffer == nullptr) throw InputError("screen " + card_.name() + ": no buffer is free");
     const uint32_t framebuffer = framebuffer_of(buffer);
@@ -208,7 +212,8 @@ class KmsDisplay : public Display {
     gbm_surface_release_buffer(gbm_surface_, buffer);
     try_again_ns_ = now_ns() + kLookEvery_ns;
     drmSetMaster(card_.fd());
-    if (!std::exchange(lost_, true)) tell(std::string("cannot be drawn on: ") + std::strerror(-failed) + "; waiting for it");
+    if (!std::exchange(lost_, true))
+      tell(std::string("cannot be drawn on: ") + std::strerror(-failed) + "; waiting for it");
   }
 
   bool poll(DisplayEvent* event) override {
@@ -288,8 +293,8 @@ class KmsDisplay : public Display {
     const uint32_t handles[4] = {gbm_bo_get_handle(buffer).u32, 0, 0, 0};
     const uint32_t strides[4] = {gbm_bo_get_stride(buffer), 0, 0, 0};
     const uint32_t offsets[4] = {};
-    const int failed = drmModeAddFB2(card_.fd(), gbm_bo_get_width(buffer), gbm_bo_get_height(buffer), GBM_FORMAT_XRGB8888,
-                                     handles, strides, offsets, &made->id, 0);
+    const int failed = drmModeAddFB2(card_.fd(), gbm_bo_get_width(buffer), gbm_bo_get_height(buffer),
+                                     GBM_FORMAT_XRGB8888, handles, strides, offsets, &made->id, 0);
     if (failed != 0) throw InputError("screen " + card_.name() + ": " + std::strerror(-failed));
     const uint32_t id = made->id;
     gbm_bo_set_user_data(buffer, made.release(), [](gbm_bo*, void* data) {
@@ -364,9 +369,9 @@ class KmsDisplay : public Display {
   gbm_bo* pending_ = nullptr;  // from the next vertical blank on
   int64_t flipped_ns_ = 0, try_again_ns_ = 0, look_at_connector_ns_ = 0;
   bool mode_set_ = false;
-  bool away_ = false;       // on another console
+  bool away_ = false;  // on another console
   bool unplugged_ = false;
-  bool lost_ = false;       // the kernel refuses our pictures
+  bool lost_ = false;  // the kernel refuses our pictures
   std::deque<DisplayEvent> events_;
 };
 

@@ -20,8 +20,8 @@ const Attributes kCornerVertex = {{"corner", 2}};
 const Attributes kShapeVertex = {{"position", 2}, {"local", 2}, {"form", 4}, {"colour", 4}};
 const Attributes kGlyphVertex = {{"position", 2}, {"place", 2}, {"colour", 4}};
 
-// A line on a wall is before the wall by this much of the depth's range of 2: more than 16 bits of it tell apart.
-constexpr float kEdgeCloser = 2e-4f;
+// A line on a wall is before the wall by this much of the depth's range of 2: 16 bits tell 3e-5 apart.
+constexpr float kEdgeCloser = 5e-5f;
 
 size_t floats_of(const Attributes& attributes) {
   size_t floats = 0;

@@ -21,7 +21,7 @@ constexpr Rgba kKeyframeColour = {255, 209, 51, 255};
 constexpr Rgba kCameraColour = {77, 166, 255, 255};
 
 // The house's measures, in units of its longer side.
-constexpr float kHalfLength = 0.50f, kHalfWidth = 0.36f, kEaves = 0.52f, kRidge = 0.92f;
+constexpr float kHalfLength = 0.50f, kHalfWidth = 0.36f, kEaves = 0.50f, kRidge = 0.90f;
 constexpr float kRoofHalfLength = 0.57f, kRoofHalfWidth = 0.44f, kRoofLow = 0.43f, kRoofRidge = 0.94f;
 constexpr float kDecal = 0.004f;  // doors and windows stand off the wall, so that the depth tells them apart
 
@@ -332,6 +332,7 @@ Eye eye_above(std::span<const MapPointInfo> points, std::span<const KeyframeInfo
   const float away = 1.6f * reach / std::tan(0.5f * kFieldOfView);
   eye.T_cw.t = -(eye.T_cw.R * (middle - away * forward));
   eye.near_z = 0.02f * away;
+  eye.near_faces_z = 0.4f * away;
   return eye;
 }
 

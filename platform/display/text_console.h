@@ -1,10 +1,10 @@
-// The text console (virtual terminal) that the program runs on, if it does: the kernel asks it before it gives the screen
-// to another console, and tells it when it is back.
+// The text console (virtual terminal) that the program runs on, if it does: the kernel asks it before it gives the
+// screen to another console, and tells it when it is back.
 #pragma once
 
-#include <csignal>
-
 #include <linux/vt.h>
+
+#include <csignal>
 
 namespace pptam::platform {
 
@@ -17,7 +17,8 @@ class TextConsole {
   TextConsole& operator=(const TextConsole&) = delete;
 
   bool there() const { return fd_ >= 0; }
-  // Since the last call: the screen is asked for, to be answered by give(); or it is ours again. Ctrl-Alt-F2 and the like.
+  // Since the last call: the screen is asked for, to be answered by give(); or it is ours again. Ctrl-Alt-F2 and the
+  // like.
   enum class Change { kNone, kAsked, kBack };
   Change change();
   void give() const;

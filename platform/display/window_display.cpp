@@ -5,6 +5,7 @@
 #include "platform/display/display.h"
 #include "platform/display/egl.h"
 #include "platform/display/renderer.h"
+#include "platform/display/x11_errors.h"
 #include "platform/input_error.h"
 #include "platform/text.h"
 
@@ -41,16 +42,24 @@ class WindowDisplay : public Display {
   }
   int width() const override { return size().first; }
   int height() const override { return size().second; }
-  bool ready() override { return !closed_ && (SDL_GetWindowFlags(window_) & SDL_WINDOW_MINIMIZED) == 0; }
+  bool ready() override {
+    return !closed_ && !x11_failed() && (SDL_GetWindowFlags(window_) & SDL_WINDOW_MINIMIZED) == 0;
+  }
 
   void draw(const Scene& scene, std::vector<uint8_t>* rgba) override {
     if (SDL_GL_MakeCurrent(window_, context_) != 0) throw no_window("its picture is gone");
     renderer_->draw(scene, false);
     if (rgba != nullptr) read_pixels(width(), height(), true, rgba);
     SDL_GL_SwapWindow(window_);
+    SDL_GL_MakeCurrent(window_, nullptr);  // SDL does not see when another display's context becomes current
   }
 
   bool poll(DisplayEvent* event) override {
+    if (x11_failed() && !closed_) {
+      closed_ = true;
+      *event = {DisplayEvent::Kind::kClosed, 0, "the window is gone"};
+      return true;
+    }
     SDL_Event happened;
     while (!closed_ && SDL_PollEvent(&happened) != 0) {
       switch (happened.type) {
@@ -97,10 +106,17 @@ class WindowDisplay : public Display {
     context_ = SDL_GL_CreateContext(window_);
     if (context_ == nullptr) throw no_window("there is no OpenGL ES 2.0");
     SDL_GL_SetSwapInterval(0);  // tracking does not wait for the screen
+    survive_x11(window_);
     renderer_ = std::make_unique<Renderer>();
     driver_ = Renderer::driver();
+    SDL_GL_MakeCurrent(window_, nullptr);
   }
   void close() {
+    if (x11_failed()) {  // nothing of it can be asked to go
+      static_cast<void>(renderer_.release());
+      return;
+    }
+    if (renderer_) SDL_GL_MakeCurrent(window_, context_);
     renderer_.reset();
     if (context_ != nullptr) SDL_GL_DeleteContext(context_);
     if (window_ != nullptr) SDL_DestroyWindow(window_);

@@ -47,8 +47,7 @@ class LiveRun {
   void build();
   void track(const Frame& frame);
   bool meet(CameraEvent event);
-  void press(LiveKey key);
-  void save();
+  void press(RunKey key);
   LiveResult finish();
   void say(const std::string& text) const {
     if (observer_.say) observer_.say(text);
@@ -157,37 +156,10 @@ bool LiveRun::meet(CameraEvent event) {
   return true;
 }
 
-void LiveRun::press(LiveKey key) {
-  const System& system = system_->system();
-  switch (key) {
-    case LiveKey::kNothing:
-      return;
-    case LiveKey::kTap:
-      system_->tap();
-      return say("tap: the next frame is the first view; move sideways");
-    case LiveKey::kReset:
-      system_->reset();
-      return say("reset: everything is forgotten");
-    case LiveKey::kLock:
-      system_->set_locked(!system.locked());
-      return say(system.locked() ? "the map is locked" : "the map is unlocked");
-    case LiveKey::kSave:
-      return save();
-    case LiveKey::kQuit:
-      over_ = true;
-      return;
-  }
-}
-
-void LiveRun::save() {
-  const System& system = system_->system();
-  if (!observer_.on_save) return say("nothing is saved: no file was named by --save-map");
-  if (system.map_bytes() == 0) return say("nothing is saved: there is no map yet");
-  std::vector<std::byte> map(system.map_bytes());
-  size_t bytes = 0;
-  const Status status = system.save_map(map, &bytes);
-  if (!status.ok()) return say(std::string("nothing is saved: ") + status.message());
-  observer_.on_save(std::span(map).first(bytes));
+void LiveRun::press(RunKey key) {
+  const SystemCalls calls = {[this] { system_->tap(); }, [this] { system_->reset(); },
+                             [this](bool locked) { system_->set_locked(locked); }};
+  if (!platform::press(key, system_->system(), calls, observer_)) over_ = true;
 }
 
 void LiveRun::track(const Frame& frame) {
@@ -224,7 +196,7 @@ void LiveRun::track(const Frame& frame) {
   status.recorded = recording_ ? recording_->frames() : 0;
   status.seconds = 1e-9 * static_cast<double>(saturated_difference(frame.timestamp_ns, first_ns_));
   if (options_.duration_s > 0 && status.seconds >= options_.duration_s) over_ = true;
-  if (options_.keep_frames) {
+  if (options_.keep_frames || observer_.show) {
     FrameLog entry = log_of(result);
     entry.index = index;
     entry.track_ns = tracked_ns - start_ns;
@@ -232,8 +204,11 @@ void LiveRun::track(const Frame& frame) {
     entry.mapping_ns = mapping_ns_;
     entry.idle_slices = slices_;
     entry.instructions = session_.system->work_meter().instructions() - start_instructions;
-    log.frames.push_back(entry);
-    if (observer_.on_frame) observer_.on_frame(frame, result, log);
+    if (options_.keep_frames) {
+      log.frames.push_back(entry);
+      if (observer_.on_frame) observer_.on_frame(frame, result, log);
+    }
+    if (observer_.show) observer_.show(frame, result, entry, *session_.system);
   }
   slices_ = 0;
   mapping_ns_ = 0;
