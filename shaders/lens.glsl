@@ -66,17 +66,27 @@ vec3 moved(vec3 q, float dt) {
 }
 
 // A point of the world where the camera's line sees it that is exposed when the point is there: Camera::project_rolling()
-// of the core, with as many fixed-point passes. Homogeneous pixels.
-vec3 seen(vec3 p_w) {
+// of the core, with as many fixed-point passes. Homogeneous pixels; dt: that time after the frame's, seconds.
+vec3 seen(vec3 p_w, out float dt) {
   vec3 q = R_cw * p_w + t_cw;
   vec3 px = homogeneous_px(q);
+  dt = 0.0;
 #if ROLLING
   for (int pass = 0; pass < 2; ++pass) {
-    float dt = clamp(dot(px.xy / max(px.z, near_z) - middle, line_time), -1.5 * half_readout, 1.5 * half_readout);
+    dt = clamp(dot(px.xy / max(px.z, near_z) - middle, line_time), -1.5 * half_readout, 1.5 * half_readout);
     px = homogeneous_px(moved(q, dt));
   }
 #endif
   return px;
+}
+
+// Another point at that time.
+vec3 seen_at(vec3 p_w, float dt) {
+  vec3 q = R_cw * p_w + t_cw;
+#if ROLLING
+  q = moved(q, dt);
+#endif
+  return homogeneous_px(q);
 }
 
 // The depth buffer holds 1 - 2 near / z: no farthest distance.

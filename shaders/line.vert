@@ -9,8 +9,9 @@ varying vec4 shade;
 varying vec2 across;  // signed distance from the line, half the width: pixels
 
 void main() {
-  vec3 here = seen(p_w);
-  vec3 there = seen(other_w);
+  float dt;
+  vec3 here = seen(p_w, dt);
+  vec3 there = seen_at(other_w, dt);  // only the direction comes from it
   shade = colour;
   across = vec2(offset.x, abs(offset.x) - 0.5);
   if (here.z < near_z || there.z < near_z) {  // half before the camera: not drawn

@@ -5,7 +5,8 @@ attribute float size;  // of a point, pixels of the canvas; of a triangle unused
 varying vec4 shade;
 
 void main() {
-  gl_Position = clip_position(seen(p_w));
+  float dt;
+  gl_Position = clip_position(seen(p_w, dt));
   gl_PointSize = size;
   shade = colour;
 }

@@ -375,7 +375,9 @@ void Renderer::draw_standing(const WorldModel& model, const Eye& eye) {
   glEnable(GL_DEPTH_TEST);
   glDepthFunc(GL_LEQUAL);
   glEnable(GL_CULL_FACE);
+  glDisable(GL_BLEND);
   draw_triangles(batches.faces, eye.near_faces_z);
+  glEnable(GL_BLEND);
   glDisable(GL_CULL_FACE);
   glDepthMask(GL_FALSE);
   draw_lines(batches.edges, eye.near_faces_z, kEdgeCloser);

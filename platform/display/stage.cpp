@@ -80,7 +80,7 @@ Vector3f inside(const std::array<Vector3f, 4>& c, float u, float v) {
 }
 
 // A grid of so many cells a side, in small pieces as lens and shutter move only the corners of a triangle.
-constexpr int kPieces = 4;
+constexpr int kPieces = 2;
 
 void add_cells(uint16_t first, WorldMesh* mesh) {
   constexpr int kRow = kPieces + 1;
@@ -166,7 +166,7 @@ void add_shadow(const std::vector<Vector2f>& outline, float seam, uint8_t alpha,
 }
 
 void add_grid(const Stage& stage, WorldModel* model) {
-  constexpr int kCells = 10;  // to each side
+  constexpr int kCells = 8;  // to each side
   constexpr float kWidth_px = 1.2f;
   constexpr float kOpacity = 0.55f;  // at the anchor
   const float step = stage.grid_spacing;
