@@ -92,6 +92,8 @@ void ScreenShow::answer(const DisplayEvent& event) {
 }
 
 void ScreenShow::press(char character) {
+  if (character == 0) return;
+  notice_until_ns_ = 0;  // it has been read
   if (character == 'p') {
     picture_wanted_ = true;
   } else if (character == 'v') {
