@@ -17,7 +17,8 @@ InputError no_window(const char* what) {
                     " (without a window system: --show=screen)");
 }
 
-// Those that are said to run: asked for others, or for none, SDL tries screens, and libraries complain on standard error.
+// Those that are said to run: asked for others, or for none, SDL tries screens, and libraries complain on standard
+// error.
 std::string window_systems() {
   std::string systems;
   for (const auto& [variable, name] : {std::pair("DISPLAY", "x11"), {"WAYLAND_DISPLAY", "wayland"}}) {
@@ -25,18 +26,20 @@ std::string window_systems() {
     if (value != nullptr && *value != 0) systems += (systems.empty() ? "" : ",") + std::string(name);
   }
   if (systems.empty())
-    throw InputError("a window: there is no window system here, neither DISPLAY nor WAYLAND_DISPLAY is set: use --show=screen");
+    throw InputError(
+        "a window: there is no window system here, neither DISPLAY nor WAYLAND_DISPLAY is set: use --show=screen");
   return systems;
 }
 
 class WindowDisplay : public Display {
  public:
   WindowDisplay(int width, int height) {
-    SDL_SetHint(SDL_HINT_NO_SIGNAL_HANDLERS, "1");       // they are the program's
+    SDL_SetHint(SDL_HINT_NO_SIGNAL_HANDLERS, "1");  // they are the program's
     SDL_SetHint(SDL_HINT_VIDEODRIVER, window_systems().c_str());
-    SDL_SetHint(SDL_HINT_VIDEO_X11_FORCE_EGL, "1");      // not GLX
-    SDL_SetHint(SDL_HINT_TOUCH_MOUSE_EVENTS, "0");       // a touch is one tap
-    SDL_SetHint(SDL_HINT_VIDEO_ALLOW_SCREENSAVER, "0");  // the hands are at the camera
+    SDL_SetHint(SDL_HINT_VIDEO_X11_FORCE_EGL, "1");       // not GLX
+    SDL_SetHint(SDL_HINT_TOUCH_MOUSE_EVENTS, "0");        // a touch is one tap
+    SDL_SetHint(SDL_HINT_MOUSE_FOCUS_CLICKTHROUGH, "1");  // the first one, too
+    SDL_SetHint(SDL_HINT_VIDEO_ALLOW_SCREENSAVER, "0");   // the hands are at the camera
     if (SDL_InitSubSystem(SDL_INIT_VIDEO) != 0) throw no_window("there is no window system");
     try {
       open(width, height);
