@@ -1,5 +1,5 @@
-// Where the renderer draws the world: as the core's own projection says, and, at the end of a whole run, where the truth
-// has it.
+// Where the renderer draws the world: as the core's own projection says, and, at the end of a whole run, where the
+// truth has it.
 #include <gtest/gtest.h>
 
 #include <array>
@@ -95,18 +95,16 @@ CameraModel lens(Distortion distortion) {
   model.cx = 161.5f;
   model.cy = 117.5f;
   model.distortion = distortion;
-  const std::array<std::array<float, 5>, 4> coeffs = {{{},
-                                                       {0.92f},
-                                                       {-0.21f, 0.04f, 0.002f, -0.003f, 0.001f},
-                                                       {-0.02f, 0.01f, -0.006f, 0.001f}}};
+  const std::array<std::array<float, 5>, 4> coeffs = {
+      {{}, {0.92f}, {-0.21f, 0.04f, 0.002f, -0.003f, 0.001f}, {-0.02f, 0.01f, -0.006f, 0.001f}}};
   const auto& of_kind = coeffs[static_cast<size_t>(distortion)];
   std::copy(of_kind.begin(), of_kind.end(), model.coeffs);
   model.prepare();
   return model;
 }
 
-// The core projects in float32 with the same equations and as many passes: what is left is a disc's mean. Its edge takes
-// or leaves whole pixels, of 64: below a tenth of a canvas pixel a coordinate, 0.025 of the image's.
+// The core projects in float32 with the same equations and as many passes: what is left is a disc's mean. Its edge
+// takes or leaves whole pixels, of 64: below a tenth of a canvas pixel a coordinate, 0.025 of the image's.
 TEST(Projection, IsTheCoresWithEveryLensAndShutter) {
   test::Random random;
   for (const Distortion distortion :
@@ -210,8 +208,8 @@ Registration registration(const sim::PhoneOptions& options) {
   spectator.show = [&](const Frame&, const TrackResult& result, const platform::FrameLog&, const System&) {
     if (result.pose_valid) frames.push_back({result.timestamp_ns, result.T_cw, result.velocity});
   };
-  const platform::RunLog log =
-      platform::run_sequence(*phone, platform::RunOptions(), [](const platform::CameraInfo&) {}, {}, spectator);
+  const platform::RunLog log = platform::run_sequence(
+      *phone, platform::RunOptions(), [](const platform::CameraInfo&) {}, {}, spectator);
   Registration found;
   if (frames.empty()) return found;
   const platform::Similarity to_truth =

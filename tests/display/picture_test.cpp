@@ -1,5 +1,7 @@
 // What the renderer draws, by Mesa's software renderer off-screen: images in all formats as they are, pictures that are
 // kept, what a picture costs.
+#include "platform/run/picture.h"
+
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -14,7 +16,6 @@
 
 #include "platform/camera/image_files.h"
 #include "platform/run/composer.h"
-#include "platform/run/picture.h"
 #include "tests/display/software.h"
 #include "tests/support/phone_camera.h"
 #include "tests/support/scratch_folder.h"
@@ -88,8 +89,8 @@ Rgb bt601(int y, int u, int v) {
           byte(luma + 2.017 * (u - 128))};
 }
 
-// Colours of every format: blocks of 4x4 pixels have one colour each, judged in their middle, where no neighbour's chroma
-// is mixed in.
+// Colours of every format: blocks of 4x4 pixels have one colour each, judged in their middle, where no neighbour's
+// chroma is mixed in.
 TEST(Picture, OfColoursIsThatOfTheFormat) {
   constexpr int kWidth = 32, kHeight = 24;
   const std::vector<uint8_t> random = noise(3 * 48, 2);
@@ -113,9 +114,9 @@ TEST(Picture, OfColoursIsThatOfTheFormat) {
     PixelFormat format;
     const std::vector<uint8_t>*pixels, *chroma, *second;
     int bytes_per_pixel;
-  } kCases[] = {{PixelFormat::kRgb24, &rgb, nullptr, nullptr, 3},    {PixelFormat::kBgra, &bgra, nullptr, nullptr, 4},
-                {PixelFormat::kYuyv, &yuyv, nullptr, nullptr, 2},    {PixelFormat::kNv12, &luma, &nv12, nullptr, 1},
-                {PixelFormat::kNv21, &luma, &nv21, nullptr, 1},      {PixelFormat::kI420, &luma, &u_plane, &v_plane, 1},
+  } kCases[] = {{PixelFormat::kRgb24, &rgb, nullptr, nullptr, 3}, {PixelFormat::kBgra, &bgra, nullptr, nullptr, 4},
+                {PixelFormat::kYuyv, &yuyv, nullptr, nullptr, 2}, {PixelFormat::kNv12, &luma, &nv12, nullptr, 1},
+                {PixelFormat::kNv21, &luma, &nv21, nullptr, 1},   {PixelFormat::kI420, &luma, &u_plane, &v_plane, 1},
                 {PixelFormat::kNv12, &luma, nullptr, nullptr, 1}};
   PPTAM_SOFTWARE_DISPLAY(display, kWidth, kHeight);
   for (const auto& of : kCases) {
@@ -131,7 +132,7 @@ TEST(Picture, OfColoursIsThatOfTheFormat) {
     for (int y = 1; y < kHeight; y += 4) {
       for (int x = 1; x < kWidth; x += 4) {
         const uint8_t* c = block(x, y);
-        const Rgb expected = coloured               ? bt601(c[0], c[1], c[2])
+        const Rgb expected = coloured                 ? bt601(c[0], c[1], c[2])
                              : of.bytes_per_pixel > 1 ? Rgb{c[0], c[1], c[2]}
                                                       : Rgb{c[0], c[0], c[0]};
         worst = std::max(worst, difference(at(rgba, kWidth, x, y), expected));
@@ -224,9 +225,9 @@ std::vector<uint8_t> drawn(const Kept& kept, bool changed, int* width, int* heig
   return rgba;
 }
 
-// Kept as PNG; compared as grey, and what is no more than one level off is the same: versions of Mesa round otherwise. A
-// pixel in ten thousand may be anything, where an edge meets a pixel's centre. PPTAM_UPDATE_GOLDEN=1 writes them anew:
-// look at them.
+// Kept as PNG; compared as grey, and what is no more than one level off is the same: versions of Mesa round otherwise.
+// A pixel in ten thousand may be anything, where an edge meets a pixel's centre. PPTAM_UPDATE_GOLDEN=1 writes them
+// anew: look at them.
 TEST(Picture, IsTheOneThatWasKept) {
   const test::ScratchFolder scratch;
   for (const Kept& kept : kept_pictures()) {

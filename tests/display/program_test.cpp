@@ -31,8 +31,8 @@ class Displayless : public ::testing::Test {
     return (folder_ / "pocket-ptam").string();
   }
   Answer run(const std::string& program, const std::string& arguments, const std::string& environment = "") const {
-    const std::string command = "cd '" + folder_.string() + "' && env -u DISPLAY -u WAYLAND_DISPLAY " + environment + " '" +
-                                program + "' " + arguments + " >out.txt 2>err.txt </dev/null";
+    const std::string command = "cd '" + folder_.string() + "' && env -u DISPLAY -u WAYLAND_DISPLAY " + environment +
+                                " '" + program + "' " + arguments + " >out.txt 2>err.txt </dev/null";
     const int status = std::system(command.c_str());
     return {WIFEXITED(status) ? WEXITSTATUS(status) : 128, read("out.txt"), read("err.txt")};
   }
@@ -78,7 +78,8 @@ TEST_F(Displayless, WhatCannotBeShownIsOneLineAndNothingIsDone) {
 // EGL is there, a screen is not: so on a computer without /dev/dri.
 TEST_F(Displayless, AScreenThatIsNotThereIsToldByName) {
   if (fs::exists("/dev/dri")) GTEST_SKIP() << "this computer has a graphics device";
-  for (const char* arguments : {"sim --duration 1 --out o --show", "live --camera sim:desk --duration 1 --show=screen"}) {
+  for (const char* arguments :
+       {"sim --duration 1 --out o --show", "live --camera sim:desk --duration 1 --show=screen"}) {
     const Answer answer = run(PPTAM_PROGRAM, arguments);
     EXPECT_EQ(answer.code, 2) << answer.err;
     EXPECT_TRUE(contains(answer.err, "/dev/dri/card")) << answer.err;

@@ -1,6 +1,6 @@
-// same_pictures A B [--area X Y WIDTH HEIGHT] [--colour R G B COUNT]: compares pictures of a display, each a PNG, a PPM (qemu's
-// screendump) or a dump of a window (xwd), within the area. Says how many pixels differ, and by how much; exit code 0 when
-// none does. --colour: besides, that A has at least COUNT pixels within 40 levels of that colour.
+// same_pictures A B [--area X Y WIDTH HEIGHT] [--colour R G B COUNT]: compares pictures of a display, each a PNG, a PPM
+// (qemu's screendump) or a dump of a window (xwd), within the area. Says how many pixels differ, and by how much; exit
+// code 0 when none does. --colour: besides, that A has at least COUNT pixels within 40 levels of that colour.
 #include <cairo.h>
 
 #include <algorithm>
@@ -34,8 +34,8 @@ Pixels read_png(const std::string& file) {
   for (int y = 0; y < pixels.height; ++y) {
     const auto* row = reinterpret_cast<const uint32_t*>(data + y * cairo_image_surface_get_stride(surface));
     for (int x = 0; x < pixels.width; ++x)
-      pixels.rgb.push_back({static_cast<int>(row[x] >> 16 & 255), static_cast<int>(row[x] >> 8 & 255),
-                            static_cast<int>(row[x] & 255)});
+      pixels.rgb.push_back(
+          {static_cast<int>(row[x] >> 16 & 255), static_cast<int>(row[x] >> 8 & 255), static_cast<int>(row[x] & 255)});
   }
   cairo_surface_destroy(surface);
   return pixels;
@@ -65,7 +65,8 @@ Pixels read_xwd(const std::string& file, const std::string& content) {
     for (size_t byte = 0; byte < 4; ++byte) value = value << 8 | static_cast<uint8_t>(content[4 * i + byte]);
     return value;
   };
-  if (content.size() < 100 || word(1) != 7 || word(11) != 32 || word(7) != 0) give_up(file + ": is no dump that is known");
+  if (content.size() < 100 || word(1) != 7 || word(11) != 32 || word(7) != 0)
+    give_up(file + ": is no dump that is known");
   Pixels pixels = {static_cast<int>(word(4)), static_cast<int>(word(5)), {}};
   const size_t first = word(0) + 12 * static_cast<size_t>(word(19));
   for (int y = 0; y < pixels.height; ++y) {

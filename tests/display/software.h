@@ -24,6 +24,6 @@ inline std::unique_ptr<platform::Display> software_display(int width, int height
 
 }  // namespace pptam::test
 
-#define PPTAM_SOFTWARE_DISPLAY(display, width, height)                                   \
+#define PPTAM_SOFTWARE_DISPLAY(display, width, height)                                      \
   const std::unique_ptr<platform::Display> display = test::software_display(width, height); \
   if (display == nullptr) GTEST_SKIP() << "nothing can be drawn here"
