@@ -1,6 +1,7 @@
 #include "platform/display/renderer.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <cstddef>
 #include <cstring>
@@ -68,8 +69,7 @@ void bind(GLuint buffer, const Attributes& attributes) {
   for (size_t i = 0; i < attributes.size(); ++i) {
     const auto index = static_cast<GLuint>(i);
     glEnableVertexAttribArray(index);
-    glVertexAttribPointer(index, attributes[i].floats, GL_FLOAT, GL_FALSE, stride,
-                          reinterpret_cast<const void*>(offset));
+    glVertexAttribPointer(index, attributes[i].floats, GL_FLOAT, GL_FALSE, stride, std::bit_cast<const void*>(offset));
     offset += static_cast<size_t>(attributes[i].floats) * sizeof(float);
   }
 }

@@ -110,12 +110,12 @@ void Composer::begin(const Canvas& canvas, float shape, const TrackResult& resul
   scene_.view = {std::floor(0.5f * (width - view_width)), std::floor(0.5f * (room - view_height)), view_width,
                  view_height};
   add_panel(log, room, width);
-  if (result.pose_valid && !stage_) {
-    stage_ = place_stage(result.T_cw, initial_baseline_);
-    stage_model_ = make_stage_model(*stage_);
+  if (result.pose_valid && !site_) {
+    site_ = place_house(result.T_cw, initial_baseline_);
+    site_model_ = make_site_model(*site_);
   }
   if (log.state == TrackingState::kInitialising || log.state == TrackingState::kWaiting)
-    stage_.reset();  // a new map will be another world
+    site_.reset();  // a new map will be another world
 }
 
 const Scene& Composer::camera_view(const Frame& frame, const TrackResult& result, const FrameLog& log,
@@ -129,11 +129,11 @@ const Scene& Composer::camera_view(const Frame& frame, const TrackResult& result
   eye.camera = pptam::Camera{camera_.model, camera_.shutter};
   eye.T_cw = pose_at(result.T_cw, result.velocity, static_cast<float>(ahead_s));
   eye.velocity = result.velocity;
-  eye.near_z = 0.05f * stage_->house_size;
-  const float distance = (stage_->anchor_w - eye.T_cw.centre()).norm();
-  eye.near_faces_z = std::max(eye.near_z, 0.5f * (distance - stage_->house_size));
+  eye.near_z = 0.05f * site_->house_size;
+  const float distance = (site_->anchor_w - eye.T_cw.centre()).norm();
+  eye.near_faces_z = std::max(eye.near_z, 0.5f * (distance - site_->house_size));
   scene_.eye = eye;
-  scene_.models.push_back(&stage_model_);
+  scene_.models.push_back(&site_model_);
   return scene_;
 }
 
@@ -146,7 +146,7 @@ const Scene& Composer::map_view(const TrackResult& result, const FrameLog& log, 
   scene_.eye = eye_above(points, keyframes, static_cast<int>(scene_.view.width), static_cast<int>(scene_.view.height));
   map_model_ = make_map_model(points, keyframes, pptam::Camera{camera_.model, camera_.shutter},
                               result.pose_valid ? &result.T_cw : nullptr);
-  if (stage_) scene_.models.push_back(&stage_model_);
+  if (site_) scene_.models.push_back(&site_model_);
   scene_.models.push_back(&map_model_);
   return scene_;
 }

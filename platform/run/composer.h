@@ -11,8 +11,8 @@
 #include <vector>
 
 #include "platform/camera.h"
+#include "platform/display/house.h"
 #include "platform/display/scene.h"
-#include "platform/display/stage.h"
 #include "platform/run/lettering.h"
 #include "platform/run/run_log.h"
 
@@ -39,7 +39,7 @@ class Composer {
   // Of the scene composed last: a line over the view.
   void add_notice(const std::string& text);
 
-  const std::optional<Stage>& stage() const { return stage_; }
+  const std::optional<Site>& site() const { return site_; }
 
  private:
   void begin(const Canvas& canvas, float shape, const TrackResult& result, const FrameLog& log);
@@ -52,8 +52,8 @@ class Composer {
   float initial_baseline_;
   float unit_ = 0;  // of the panel's sizes, pixels
   std::optional<Lettering> lettering_;
-  std::optional<Stage> stage_;
-  WorldModel stage_model_, map_model_;
+  std::optional<Site> site_;
+  WorldModel site_model_, map_model_;
   Scene scene_;
 };
 

@@ -91,6 +91,13 @@ class Taps {
   size_t next_ = 0;
 };
 
+// Whether the spectator's key, if any, is to end the run; another one is obeyed.
+bool quits(const Spectator& spectator, System* system) {
+  const SystemCalls calls = {[system] { system->tap(); }, [system] { system->reset(); },
+                             [system](bool locked) { system->set_locked(locked); }};
+  return spectator.key && !press(spectator.key(), *system, calls, spectator);
+}
+
 }  // namespace
 
 RunLog run_sequence(Camera& camera, const RunOptions& options, const StartObserver& on_start,
@@ -111,9 +118,6 @@ RunLog run_sequence(Camera& camera, const RunOptions& options, const StartObserv
   int64_t origin_ns = saturated_difference(clock->now_ns(), first_timestamp_ns);
   const int64_t max_wait_ns = static_cast<int64_t>(1e9 * options.max_wait_s);
   int64_t passed_over_ns = 0;
-  const SystemCalls calls = {[system] { system->tap(); }, [system] { system->reset(); },
-                             [system](bool locked) { system->set_locked(locked); }};
-  const auto quit = [&] { return spectator.key && !press(spectator.key(), *system, calls, spectator); };
   const auto advance = [&](int64_t since_ns) {
     const bool more = source.advance();
     clock->forget_since(since_ns);  // reading the source and drawing
@@ -165,7 +169,7 @@ RunLog run_sequence(Camera& camera, const RunOptions& options, const StartObserv
     log.frames.push_back(entry);
     if (on_frame) on_frame(frame, result, log);
     if (spectator.show) spectator.show(frame, result, entry, *system);
-  } while (!interrupted() && !quit() && advance(end_ns));
+  } while (!interrupted() && !quits(spectator, system) && advance(end_ns));
   if (interrupted() && log.broken.empty()) log.broken = log.camera.name + ": " + interruption();
 
   log.warnings = camera.remarks();

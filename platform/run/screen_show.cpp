@@ -180,7 +180,7 @@ void ScreenShow::store_picture(const std::vector<uint8_t>& rgba, int width, int 
     const std::string why = stored ? "" : std::strerror(errno);
     if (fd >= 0) ::close(fd);
     if (fd >= 0 && !stored) ::unlink(name.c_str());
-    return say(stored ? "picture saved to " + name : name + ": cannot be written: " + why);
+    return say(stored ? "picture saved to " + name : format("%s: cannot be written: %s", name.c_str(), why.c_str()));
   }
 }
 

@@ -9,7 +9,7 @@
 #include <memory>
 #include <vector>
 
-#include "platform/display/stage.h"
+#include "platform/display/house.h"
 #include "platform/run/evaluation.h"
 #include "platform/run/run.h"
 #include "sim_phone/phone_camera.h"
@@ -215,9 +215,9 @@ Registration registration(const sim::PhoneOptions& options) {
   if (frames.empty()) return found;
   const platform::Similarity to_truth =
       platform::evaluate(log.trajectory(), phone->ground_truth(), "estimate", "truth").alignment;
-  const platform::Stage stage = platform::place_stage(frames.front().T_cw, Config().initial_baseline);
+  const platform::Site site = platform::place_house(frames.front().T_cw, Config().initial_baseline);
   std::vector<Vector3f> corners_w;
-  for (const Vector3f& p_h : platform::house_corners()) corners_w.push_back(stage.to_world(p_h));
+  for (const Vector3f& p_h : platform::house_corners()) corners_w.push_back(site.to_world(p_h));
   pptam::Camera camera = {log.camera.model, log.camera.shutter};
   camera.model.prepare();
   Marks marks(camera);

@@ -13,7 +13,7 @@
 namespace pptam::platform {
 
 // Where the house stands: on the world's z = 0.
-struct Stage {
+struct Site {
   Vector3f anchor_w = Vector3f::Zero();  // the middle of its floor
   Matrix3f R_wh = Matrix3f::Identity();  // the house's frame to the world: x along the ridge, z up
   float house_size = 1;                  // length of its longer side, world units
@@ -23,13 +23,13 @@ struct Stage {
 };
 
 // Where the view's axis meets the ground, the door towards the camera. initial_baseline: Config's, for the grid's size.
-Stage place_stage(const SE3& T_cw, float initial_baseline);
+Site place_house(const SE3& T_cw, float initial_baseline);
 
 // Corners of walls and roof, house's frame, in units of its longer side.
 std::span<const Vector3f> house_corners();
 
 // Grid, the lit house, its shadow.
-WorldModel make_stage_model(const Stage& stage);
+WorldModel make_site_model(const Site& site);
 
 // Map points, keyframes as small pyramids, and the present camera where pose is not null.
 WorldModel make_map_model(std::span<const MapPointInfo> points, std::span<const KeyframeInfo> keyframes,

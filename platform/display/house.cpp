@@ -1,4 +1,4 @@
-#include "platform/display/stage.h"
+#include "platform/display/house.h"
 
 #include <algorithm>
 #include <atomic>
@@ -93,7 +93,7 @@ void add_cells(uint16_t first, WorldMesh* mesh) {
   }
 }
 
-void add_face(const Face& face, const Stage& stage, WorldModel* model) {
+void add_face(const Face& face, const Site& site, WorldModel* model) {
   const auto& c = face.corners;
   const Vector3f normal = (c[1] - c[0]).cross(c[2] - c[0]).normalized();
   const float light = 0.55f + 0.45f * std::max(0.0f, normal.dot(kLight));
@@ -102,7 +102,7 @@ void add_face(const Face& face, const Stage& stage, WorldModel* model) {
   for (int i = 0; i <= kPieces; ++i) {
     for (int j = 0; j <= kPieces; ++j) {
       const Vector3f p_h = inside(c, static_cast<float>(i) / kPieces, static_cast<float>(j) / kPieces);
-      model->faces.vertices.push_back({stage.to_world(p_h), colour});
+      model->faces.vertices.push_back({site.to_world(p_h), colour});
     }
   }
   const Rgba dark = shaded(face.colour, 0.6f * light);
@@ -113,7 +113,7 @@ void add_face(const Face& face, const Stage& stage, WorldModel* model) {
     const float along = static_cast<float>(i % kPieces) / kPieces;
     const Vector3f p_h = (1 - along) * c[side] + along * c[(side + 1) % 4];
     if (i > 0 && c[side] == c[(side + 1) % 4]) continue;  // a triangle
-    outline.points.push_back({stage.to_world(p_h), dark});
+    outline.points.push_back({site.to_world(p_h), dark});
   }
   model->edges.push_back(outline);
 }
@@ -141,13 +141,12 @@ std::vector<Vector2f> convex_hull(std::vector<Vector2f> points) {
 }
 
 // A polygon of the ground, house's frame, that fades out over a seam: one flat darkness, in small pieces.
-void add_shadow(const std::vector<Vector2f>& outline, float seam, uint8_t alpha, const Stage& stage,
-                WorldModel* model) {
+void add_shadow(const std::vector<Vector2f>& outline, float seam, uint8_t alpha, const Site& site, WorldModel* model) {
   Vector2f middle = Vector2f::Zero();
   for (const Vector2f& p : outline) middle += p / static_cast<float>(outline.size());
   WorldMesh& mesh = model->shadow;
   const auto add = [&](const Vector2f& p, uint8_t a) {
-    mesh.vertices.push_back({stage.to_world(at(p.x(), p.y(), 0)), {0, 0, 0, a}});
+    mesh.vertices.push_back({site.to_world(at(p.x(), p.y(), 0)), {0, 0, 0, a}});
   };
   const auto first = static_cast<int>(mesh.vertices.size());
   add(middle, alpha);
@@ -165,13 +164,13 @@ void add_shadow(const std::vector<Vector2f>& outline, float seam, uint8_t alpha,
   }
 }
 
-void add_grid(const Stage& stage, WorldModel* model) {
+void add_grid(const Site& site, WorldModel* model) {
   constexpr int kCells = 8;  // to each side
   constexpr float kWidth_px = 1.2f;
   constexpr float kOpacity = 0.55f;  // at the anchor
-  const float step = stage.grid_spacing;
-  const float x0 = std::round(stage.anchor_w.x() / step) * step;
-  const float y0 = std::round(stage.anchor_w.y() / step) * step;
+  const float step = site.grid_spacing;
+  const float x0 = std::round(site.anchor_w.x() / step) * step;
+  const float y0 = std::round(site.anchor_w.y() / step) * step;
   const auto colour = [&](int u, int v) {  // fades out with the distance
     const float far = std::hypot(static_cast<float>(u), static_cast<float>(v)) / kCells;
     Rgba c = kGridColour;
@@ -219,28 +218,28 @@ std::pair<float, float> range_of(std::vector<float> values) {
 
 }  // namespace
 
-Stage place_stage(const SE3& T_cw, float initial_baseline) {
-  Stage stage;
+Site place_house(const SE3& T_cw, float initial_baseline) {
+  Site site;
   const Vector3f centre = T_cw.centre();
   const Vector3f axis = T_cw.R.row(2).transpose();
   const float height = std::max(std::abs(centre.z()), 0.5f * initial_baseline);
   float along = 2 * height;  // a view along the ground never meets it, or far away
   if (axis.z() < -0.2f) along = centre.z() / -axis.z();
-  stage.anchor_w = centre + along * axis;
-  stage.anchor_w.z() = 0;
-  const float distance = (stage.anchor_w - centre).norm();
-  stage.house_size = 0.2f * distance;
+  site.anchor_w = centre + along * axis;
+  site.anchor_w.z() = 0;
+  const float distance = (site.anchor_w - centre).norm();
+  site.house_size = 0.2f * distance;
   // The door looks to the camera, turned by 35 degrees so that two walls show.
   Vector3f towards = T_cw.R.row(1).transpose();  // image down
   towards.z() = 0;
   if (towards.norm() < 0.1f) towards = Vector3f(0, -1, 0);
   const float angle =
       std::atan2(towards.y(), towards.x()) + 0.5f * std::numbers::pi_v<float> + 0.6f;  // 0.6: 35 degrees
-  stage.R_wh << std::cos(angle), -std::sin(angle), 0, std::sin(angle), std::cos(angle), 0, 0, 0, 1;
-  stage.grid_spacing = initial_baseline;
-  while (stage.grid_spacing > 0.2f * distance) stage.grid_spacing *= 0.5f;
-  while (stage.grid_spacing < 0.1f * distance) stage.grid_spacing *= 2;
-  return stage;
+  site.R_wh << std::cos(angle), -std::sin(angle), 0, std::sin(angle), std::cos(angle), 0, 0, 0, 1;
+  site.grid_spacing = initial_baseline;
+  while (site.grid_spacing > 0.2f * distance) site.grid_spacing *= 0.5f;
+  while (site.grid_spacing < 0.1f * distance) site.grid_spacing *= 2;
+  return site;
 }
 
 std::span<const Vector3f> house_corners() {
@@ -259,16 +258,16 @@ std::span<const Vector3f> house_corners() {
   return corners;
 }
 
-WorldModel make_stage_model(const Stage& stage) {
+WorldModel make_site_model(const Site& site) {
   WorldModel model;
   model.revision = next_revision();
-  add_grid(stage, &model);
+  add_grid(site, &model);
   std::vector<Vector2f> cast;
   for (const Vector3f& p_h : house_corners()) cast.push_back((p_h - kLight * (p_h.z() / kLight.z())).head<2>());
-  add_shadow(convex_hull(cast), 0.04f, 97, stage, &model);
+  add_shadow(convex_hull(cast), 0.04f, 97, site, &model);
   constexpr float a = kHalfLength, b = kHalfWidth;
-  add_shadow({{-a, -b}, {a, -b}, {a, b}, {-a, b}}, 0.10f, 110, stage, &model);  // where it touches the ground
-  for (const Face& face : house_faces()) add_face(face, stage, &model);
+  add_shadow({{-a, -b}, {a, -b}, {a, b}, {-a, b}}, 0.10f, 110, site, &model);  // where it touches the ground
+  for (const Face& face : house_faces()) add_face(face, site, &model);
   return model;
 }
 
