@@ -13,6 +13,8 @@
 #include <cstring>
 #include <ctime>
 #include <deque>
+#include <memory>
+#include <string>
 #include <utility>
 
 #include "platform/display/egl.h"

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstring>
+#include <utility>
 
 #include "platform/display/shaders.h"
 #include "platform/input_error.h"

@@ -7,6 +7,8 @@
 #include <GLES2/gl2.h>
 
 #include <array>
+#include <cstddef>
+#include <cstdint>
 #include <map>
 #include <string>
 #include <utility>

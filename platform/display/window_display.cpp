@@ -2,6 +2,11 @@
 #include <GLES2/gl2.h>
 #include <SDL.h>
 
+#include <algorithm>
+#include <memory>
+#include <string>
+#include <utility>
+
 #include "platform/display/display.h"
 #include "platform/display/egl.h"
 #include "platform/display/renderer.h"
