@@ -59,6 +59,9 @@ std::unique_ptr<platform::Camera> open_sim(const LiveChoice& chosen) {
       !chosen.size.empty() || !chosen.mode.empty() || !chosen.readout.empty()) {
     throw InputError("camera " + chosen.camera + " knows its lens, size and readout: leave these options out");
   }
+  if (chosen.output.show.predict)
+    throw InputError("camera " + chosen.camera +
+                     ": its frames have no real times, which --predict needs: leave it out");
   return make_paced_camera(sim::make_phone_camera(phone));
 }
 
@@ -356,8 +359,9 @@ void add_live_options(CLI::App* live, LiveChoice* chosen) {
       ->type_name("SECONDS");
   add_show_options(live, &chosen->output.show);
   live->add_flag(
-      "--predict", chosen->output.show.predict,
-      "With --show: house and grid where they will be when the picture is seen, not where the image has them");
+          "--predict", chosen->output.show.predict,
+          "With --show: house and grid where they will be when the picture is seen, not where the image has them")
+      ->needs("--show");
 }
 
 }  // namespace
