@@ -19,6 +19,7 @@ TextConsole::TextConsole() {
   if (::ioctl(fd_, VT_GETMODE, &mode_before_) == 0) {
     struct sigaction action = {};
     action.sa_handler = [](int signal) { (signal == kAskedSignal ? screen_asked : screen_back) = 1; };
+    action.sa_flags = SA_RESTART;
     ::sigaction(kAskedSignal, &action, &asked_before_);
     ::sigaction(kBackSignal, &action, &back_before_);
     mode.mode = VT_PROCESS;

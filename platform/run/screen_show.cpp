@@ -68,9 +68,17 @@ void ScreenShow::leave(const std::string& why) {
   say_(why + "; the run goes on without it");
 }
 
+void ScreenShow::answer_all() {
+  try {
+    DisplayEvent event;
+    while (display_ && display_->poll(&event)) answer(event);
+  } catch (const InputError& error) {  // such as no buffers for a screen that was plugged in
+    leave(error.what());
+  }
+}
+
 RunKey ScreenShow::key() {
-  DisplayEvent event;
-  while (display_ && display_->poll(&event)) answer(event);
+  answer_all();
   if (keys_.empty()) return RunKey::kNothing;
   const RunKey key = keys_.front();
   keys_.erase(keys_.begin());
@@ -113,11 +121,10 @@ void ScreenShow::wait_until_due(int64_t timestamp_ns) {
     origin_ns_ = saturated_difference(now_ns, timestamp_ns);
     due_ns = now_ns;
   }
-  DisplayEvent event;
   while (display_ && !interrupted() && steady_now_ns() < due_ns) {
     constexpr timespec kMoment = {0, 2'000'000};
     ::nanosleep(&kMoment, nullptr);
-    while (display_ && display_->poll(&event)) answer(event);
+    answer_all();
   }
 }
 

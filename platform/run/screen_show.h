@@ -37,6 +37,7 @@ class ScreenShow {
   std::string describe() const { return display_ ? display_->describe() : "no display"; }
 
  private:
+  void answer_all();
   void answer(const DisplayEvent& event);
   void wait_until_due(int64_t timestamp_ns);
   Canvas canvas() const;

@@ -144,6 +144,48 @@ TEST(Picture, OfColoursIsThatOfTheFormat) {
   }
 }
 
+// Letters are cairo's own, put where it would put them: beside a text that it writes itself, whichever font there is.
+TEST(Picture, OfATextIsThatOfCairo) {
+  constexpr int kWidth = 400, kHeight = 40;
+  PPTAM_SOFTWARE_DISPLAY(display, kWidth, kHeight);
+  const std::string text = "Tracking: quality good, 48 of 50 (0.13 px)";
+  for (const float unit : {1.0f, 1.4f}) {
+    const platform::Lettering lettering(unit);
+    Scene scene;
+    scene.width = kWidth;
+    scene.height = kHeight;
+    scene.letters = &lettering.image();
+    lettering.add(platform::TextStyle::kSmall, 5, 30, text, {255, 255, 255, 255}, &scene.glyphs);
+    std::vector<uint8_t> rgba;
+    display->draw(scene, &rgba);
+
+    const platform::Surface surface = platform::make_surface(kWidth, kHeight);
+    const platform::Context context(cairo_create(surface.get()));
+    cairo_font_options_t* options = cairo_font_options_create();
+    cairo_font_options_set_antialias(options, CAIRO_ANTIALIAS_GRAY);
+    cairo_set_font_options(context.get(), options);
+    cairo_font_options_destroy(options);
+    cairo_select_font_face(context.get(), "sans", CAIRO_FONT_SLANT_NORMAL, CAIRO_FONT_WEIGHT_NORMAL);
+    cairo_set_font_size(context.get(), 13 * static_cast<double>(unit));
+    cairo_set_source_rgb(context.get(), 1, 1, 1);
+    cairo_move_to(context.get(), 5, 30);
+    cairo_show_text(context.get(), text.c_str());
+    cairo_surface_flush(surface.get());
+    const unsigned char* pixels = cairo_image_surface_get_data(surface.get());
+    int worst = 0;
+    int lit = 0;
+    for (int y = 0; y < kHeight; ++y) {
+      const unsigned char* row = pixels + y * cairo_image_surface_get_stride(surface.get());
+      for (int x = 0; x < kWidth; ++x) {
+        worst = std::max(worst, std::abs(at(rgba, kWidth, x, y).g - row[4 * x + 1]));
+        lit += row[4 * x + 1] > 128;
+      }
+    }
+    if (lit == 0) GTEST_SKIP() << "there is no font here";
+    EXPECT_LE(worst, 1) << unit;
+  }
+}
+
 // ---- Pictures that are kept --------------------------------------------------------------------------------------
 
 struct Kept {
