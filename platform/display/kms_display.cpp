@@ -33,7 +33,7 @@ constexpr int64_t kLostFlip_ns = 1'000'000'000;  // a picture that was not shown
 int64_t now_ns() {
   timespec now = {};
   ::clock_gettime(CLOCK_MONOTONIC, &now);
-  return now.tv_sec * 1'000'000'000 + now.tv_nsec;
+  return int64_t{now.tv_sec} * 1'000'000'000 + now.tv_nsec;
 }
 
 struct ConnectorDeleter {

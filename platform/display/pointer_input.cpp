@@ -19,7 +19,7 @@ constexpr int64_t kLookEvery_ns = 2'000'000'000;
 int64_t monotonic_ns() {
   timespec now = {};
   ::clock_gettime(CLOCK_MONOTONIC, &now);
-  return now.tv_sec * 1'000'000'000 + now.tv_nsec;
+  return int64_t{now.tv_sec} * 1'000'000'000 + now.tv_nsec;
 }
 
 bool has_key(int fd, unsigned code) {
