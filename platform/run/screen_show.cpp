@@ -21,6 +21,7 @@ namespace {
 
 constexpr int64_t kNotice_ns = 3'000'000'000;  // how long a line stays on the display
 constexpr int64_t kLongestWait_ns = 5'000'000'000;
+constexpr int64_t kLongestRest_ns = 500'000'000;  // the first picture's, whose drawing compiles shaders
 constexpr const char* kHelp = "t tap   r reset   l lock   s save   p picture   v view   q quit";
 
 int64_t steady_now_ns() {
@@ -158,6 +159,8 @@ void ScreenShow::show(const Frame& frame, const TrackResult& result, const Frame
   has_map_ = result.state == TrackingState::kTracking || result.state == TrackingState::kLost;
   if (options_.paced) wait_until_due(frame.timestamp_ns);
   if (!display_ || !display_->ready()) return;
+  const int64_t from_ns = steady_now_ns();
+  if (from_ns < rest_until_ns_ && !picture_wanted_) return;
   try {
     const Scene& scene = compose(frame, result, log, system);
     if (steady_now_ns() < notice_until_ns_) composer_.add_notice(notice_);
@@ -165,6 +168,8 @@ void ScreenShow::show(const Frame& frame, const TrackResult& result, const Frame
     const int width = display_->width();
     const int height = display_->height();
     display_->draw(scene, wanted ? &pixels_ : nullptr);
+    const int64_t now_ns = steady_now_ns();
+    rest_until_ns_ = now_ns + std::min(now_ns - from_ns, kLongestRest_ns);
     if (wanted) store_picture(pixels_, width, height);
   } catch (const InputError& error) {
     leave(error.what());

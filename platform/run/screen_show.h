@@ -55,6 +55,7 @@ class ScreenShow {
   bool has_map_ = false;
   std::string notice_;
   int64_t notice_until_ns_ = 0;       // by CLOCK_MONOTONIC
+  int64_t rest_until_ns_ = 0;         // likewise: no picture before, so that drawing takes half of the time at most
   std::optional<int64_t> origin_ns_;  // CLOCK_MONOTONIC less timestamp, when paced
   std::vector<uint8_t> pixels_;
   std::vector<MapPointInfo> points_;
