@@ -13,7 +13,7 @@ HELP
 fi
 
 source toolchains/debian_packages.sh
-install_packages "${program_packages[@]}"
+install_packages "${program_packages[@]}" "${display_packages[@]}"
 echo "== building"
 cmake --preset release --log-level=WARNING
 cmake --build --preset release --parallel "$(nproc)" --target pocket-ptam

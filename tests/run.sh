@@ -15,11 +15,11 @@ Without options the presets below, one after the other:
   sanitize  unit, kernel, map file, bits and API    aarch64   the same on a 64-bit Cortex-A53
             tests by clang with sanitizers
 --all: besides, the tests of sanitize by clang without them, the unit tests on every processor, the studies whole that
-are otherwise sampled, in an emulated PC cameras with sanitizers and libcamera, and the whole program for boards with
-Debian, emulated: board-arm64, board-armhf, board-armel.
+are otherwise sampled, in an emulated PC cameras with sanitizers, libcamera and a screen, and the whole program for
+boards with Debian, emulated: board-arm64, board-armhf, board-armel.
 With other options one preset, test if none is named; those that are not known here go to ctest:
   tests/run.sh -L unit                   only the tests of one folder: unit, kernels, map_file, budget, scenario,
-                                         calibrate, cli, platform
+                                         calibrate, cli, display, platform
   tests/run.sh -R Pyramid                only tests whose name matches
   tests/run.sh --rerun-failed            only those that failed the last time
   tests/run.sh --preset armv6 -R OfAFrame --verbose      the table of instructions a frame
@@ -62,7 +62,7 @@ if [[ "$one_preset" == style ]] && ((${#options[@]} > 0)); then
 fi
 
 source toolchains/debian_packages.sh
-packages=("${program_packages[@]}" "${test_packages[@]}")
+packages=("${program_packages[@]}" "${display_packages[@]}" "${test_packages[@]}")
 for preset in "${presets[@]}"; do
   case "$preset" in
     style) packages+=("${style_packages[@]}") ;;
@@ -77,6 +77,9 @@ for preset in test board-armel; do
   [[ "$preset" == test ]] && packages=("${driver_packages[@]}") || packages=("${board_driver_packages[@]}")
   install_packages "${packages[@]}" || echo "the tests on drivers of a real kernel will be skipped"
 done
+if [[ " ${presets[*]} " == *" test "* ]]; then
+  install_packages "${window_packages[@]}" "${window_test_packages[@]}" || echo "the tests of a window will be skipped"
+fi
 
 passed=0 failed=0 skipped=0
 count() {  # passed, failed, skipped

@@ -9,6 +9,11 @@ program_packages=(
   libcli11-dev libcairo2-dev                            # the program: options, pictures
   ffmpeg gnuplot-nox                                    # the program runs them: videos, plots
 )
+display_packages=(                                      # pictures: overlays, screens; and the drivers that draw them
+  libegl-dev libgles-dev libgbm-dev libdrm-dev libegl-mesa0 libgl1-mesa-dri
+)
+window_packages=(libsdl2-dev)                           # --show in a window
+window_test_packages=(xvfb xdotool x11-apps)            # tests/display: an X server without a screen
 calibrate_packages=(libopencv-calib3d-dev)              # only calibrate needs it, and it is large: not the program's
 test_packages=(libgtest-dev "${calibrate_packages[@]}")
 target_packages=(                                       # tests/run.sh runs the core on other processors

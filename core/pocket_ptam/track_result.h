@@ -84,6 +84,9 @@ struct TrackResult {
   bool keyframe_added = false;
   bool repeated = false;  // the last picture again, bit for bit: its pose, nothing was searched
   SE3 T_cw;
+  // Of the camera during the frame's readout, in its own frame: translation, world units/s, and rotation, radians/s.
+  // The line exposed dt seconds after the timestamp is seen from exp(dt velocity) T_cw (camera.h). Zero without a pose.
+  Vector6f velocity = Vector6f::Zero();
   Matrix6f covariance = Matrix6f::Zero();  // of mu in T_cw <- exp(mu) T_cw, world units and radians
   int points_attempted = 0;                // map points searched because they should be visible
   int points_found = 0;

@@ -84,6 +84,7 @@ void Tracker::follow_map() {
   if (!map_.take_transform(&S)) return;
   motion_.apply(S);
   last_.T_cw = S.moved(last_.T_cw);
+  last_.velocity.head<3>() *= S.scale;
   still_camera_.apply(motion_.T_cw());
 }
 
@@ -252,6 +253,7 @@ void Tracker::accept(const MapMatch& match, bool blurred, TrackResult* result) {
   if (map_.ready()) {
     state_ = TrackingState::kTracking;
     hint_ = Hint::kNone;
+    result->velocity = match.pose.velocity;
     result->pose_valid = true;
   } else {
     state_ = TrackingState::kInitialising;

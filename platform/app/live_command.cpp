@@ -7,6 +7,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <utility>
 
 #include "platform/app/commands.h"
@@ -58,6 +59,9 @@ std::unique_ptr<platform::Camera> open_sim(const LiveChoice& chosen) {
       !chosen.size.empty() || !chosen.mode.empty() || !chosen.readout.empty()) {
     throw InputError("camera " + chosen.camera + " knows its lens, size and readout: leave these options out");
   }
+  if (chosen.output.show.predict)
+    throw InputError("camera " + chosen.camera +
+                     ": its frames have no real times, which --predict needs: leave it out");
   return make_paced_camera(sim::make_phone_camera(phone));
 }
 
@@ -86,25 +90,6 @@ std::unique_ptr<PoseLines> open_poses(const LiveChoice& chosen, int standard_out
   if (chosen.udp != 0) return PoseLines::to_udp(format, chosen.udp);
   if (!chosen.to.empty()) return PoseLines::to_file(format, chosen.to);
   return PoseLines::to_descriptor(format, ::fcntl(standard_output, F_DUPFD_CLOEXEC, 3));
-}
-
-LiveKey key_of(char character) {
-  switch (character) {
-    case 't':
-      return LiveKey::kTap;
-    case 'r':
-      return LiveKey::kReset;
-    case 'l':
-      return LiveKey::kLock;
-    case 'm':
-      return LiveKey::kMark;
-    case 's':
-      return LiveKey::kSave;
-    case 'q':
-      return LiveKey::kQuit;
-    default:
-      return LiveKey::kNothing;
-  }
 }
 
 // What a person sees on stderr: one line that changes on a terminal, elsewhere, and where poses run through the
@@ -199,6 +184,8 @@ class LiveSession {
     }
     const std::unique_ptr<platform::Camera> camera = open_camera(chosen_, &knowledge.warnings);
     for (const std::string& warning : knowledge.warnings) print_warning(warning);
+    if (chosen_.output.show.where != DisplayChoice::kNone)
+      show_.emplace(chosen_.output.show, camera->info(), [this](const std::string& text) { status_.say(text); });
     stop_on_signals();
     const Runner runner = [&](const StartObserver& on_start, const FrameObserver& on_frame) {
       return live(*camera, on_start, on_frame);
@@ -241,6 +228,7 @@ class LiveSession {
   RunLog live(platform::Camera& camera, const StartObserver& on_start, const FrameObserver& on_frame) {
     Keys keys;
     LiveObserver observer;
+    if (show_) static_cast<Spectator&>(observer) = spectator_of(&*show_, &keys);
     observer.on_start = [&](const CameraInfo& info) {
       on_start(info);
       started_ = true;
@@ -248,13 +236,15 @@ class LiveSession {
       status_.say(info.name + format(": tracking %dx%d", info.model.width, info.model.height) +
                   (keys.terminal() ? "; keys: t tap, r reset, l lock, m mark, s save map, q quit" : ""));
     };
-    observer.key = [&keys] { return key_of(keys.next()); };
+    if (!show_) {
+      observer.key = [&keys] { return run_key_of(keys.next()); };
+      observer.say = [&](const std::string& text) { status_.say(text); };
+    }
     observer.on_result = [&](const TrackResult& result, int64_t arrived_ns) {
       return !poses_ || poses_->add(result, arrived_ns);
     };
     observer.on_frame = on_frame;
     observer.on_status = [&](const LiveStatus& status) { status_.show(status); };
-    observer.say = [&](const std::string& text) { status_.say(text); };
     if (!chosen_.output.save_map.empty()) observer.on_save = [&](std::span<const std::byte> map) { save(map); };
     LiveOptions options = chosen_.live;
     options.keep_frames = !chosen_.output.out.empty();
@@ -268,7 +258,8 @@ class LiveSession {
   bool save(std::span<const std::byte> map) {
     try {
       write_map_file(chosen_.output.save_map, map);
-      status_.say("map saved to " + chosen_.output.save_map);
+      const std::string text = "map saved to " + chosen_.output.save_map;
+      show_ ? show_->say(text) : status_.say(text);
       return true;
     } catch (const InputError& error) {
       status_.finish();
@@ -298,6 +289,7 @@ class LiveSession {
   StandardOutput output_;
   std::unique_ptr<PoseLines> poses_;
   StatusLine status_;
+  std::optional<ScreenShow> show_;
   LiveResult result_;
   bool started_ = false;
 };
@@ -371,6 +363,11 @@ void add_live_options(CLI::App* live, LiveChoice* chosen) {
   live->add_option("--duration", chosen->live.duration_s, "End after so long [never]")
       ->check(CLI::Range(0.01, 1e9))
       ->type_name("SECONDS");
+  add_show_options(live, &chosen->output.show);
+  live->add_flag(
+          "--predict", chosen->output.show.predict,
+          "With --show: house and grid where they will be when the picture is seen, not where the image has them")
+      ->needs("--show");
 }
 
 }  // namespace
@@ -388,6 +385,7 @@ Command add_live(CLI::App& program, const std::string& command_line) {
       "  pocket-ptam live --camera /dev/video2 --calibration cam.yaml --mains 50\n"
       "  pocket-ptam live --camera libcamera:0 --calibration cam.yaml --poses json --udp 5005\n"
       "  pocket-ptam live --fov 60 --record desk --duration 30       and then: pocket-ptam replay desk\n"
+      "  pocket-ptam live --fov 60 --show --poses none               the house on a display\n"
       "  pocket-ptam live --camera sim:desk --duration 10            without any camera");
   return {live, [chosen, command_line] {
             chosen->live.run.auto_start = !chosen->no_auto_start && chosen->live.run.load_map.empty();

@@ -67,6 +67,29 @@ void add_tap_option(CLI::App* command, RunOptions* run) {
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
 }
 
+void add_show_options(CLI::App* command, ShowOptions* show) {
+  static const std::map<std::string, DisplayChoice> kPlaces = {
+      {"auto", DisplayChoice::kAuto}, {"window", DisplayChoice::kWindow}, {"screen", DisplayChoice::kScreen}};
+  // A flag, so that what follows is no value of it; "auto" is what it means alone.
+  const auto place = std::make_shared<std::string>();
+  command->add_flag(
+      "--show{auto}", *place,
+      "Show it as it goes, by real time: in a window, or, where there is no window system, on the whole "
+      "screen; --show=window or --show=screen for one of them. Keys there: t tap, r reset, l lock or unlock "
+      "the map, s save it, p picture, v view, q quit");
+  command->parse_complete_callback([place, show] {
+    if (place->empty()) return;
+    const auto found = kPlaces.find(*place);
+    if (found == kPlaces.end()) throw InputError("--show=" + *place + ": choose window, screen or auto");
+    show->where = found->second;
+  });
+  command
+      ->add_option("--turn", show->turn_degrees,
+                   "With --show: the picture clockwise, for a screen mounted sideways [0]")
+      ->check(CLI::IsMember({0, 90, 180, 270}))
+      ->type_name("DEGREES");
+}
+
 void add_run_options(CLI::App* command, RunOptions* run, OutputOptions* output) {
   static const std::map<std::string, ClockKind> kClocks = {
       {"work", ClockKind::kWork}, {"steady", ClockKind::kSteady}, {"throttled", ClockKind::kThrottled}};

@@ -8,6 +8,7 @@
 
 #include "platform/camera/recorded_camera.h"
 #include "platform/run/run.h"
+#include "platform/run/screen_show.h"
 
 namespace pptam::app {
 
@@ -18,8 +19,11 @@ struct OutputOptions {
   bool no_overlay = false;
   bool no_report = false;
   bool no_progress = false;  // the run shows its own
+  platform::ShowOptions show;
 };
 void add_run_options(CLI::App* command, platform::RunOptions* run, OutputOptions* output);
+// --show and what belongs to it.
+void add_show_options(CLI::App* command, platform::ShowOptions* show);
 // May be repeated.
 void add_tap_option(CLI::App* command, platform::RunOptions* run);
 

@@ -66,8 +66,9 @@ int repeat_live(const ReplayChoice& chosen, const std::string& command_line) {
   if (!script.map_hash)
     knowledge.warnings.push_back(input.source + ": the recording was broken off; what is there is repeated");
   for (const std::string& warning : knowledge.warnings) print_warning(warning);
+  const Watching watching(chosen.output, script.camera);
   const Runner runner = [&](const StartObserver& on_start, const FrameObserver& on_frame) {
-    return repeat_live_recording(script, run, on_start, on_frame);
+    return repeat_live_recording(script, run, on_start, on_frame, watching.spectator());
   };
   const int code = run_and_write(script.camera.name, {}, runner, run, chosen.output, knowledge, command_line);
   if (code == kExitOk && script.map_hash) print_line("the same bits as in the live run");
@@ -99,6 +100,7 @@ Command add_replay(CLI::App& program, const std::string& command_line) {
   replay->add_flag("--images-only", chosen->images_only,
                    "Of a recording made by live take the images alone; else all is repeated, bit for bit");
   add_run_options(replay, &chosen->run, &chosen->output);
+  add_show_options(replay, &chosen->output.show);
   replay->footer(
       "Examples:\n"
       "  pocket-ptam replay rgbd_dataset_freiburg1_xyz --calibration fr1.yaml --resize 320x240\n"
@@ -106,6 +108,7 @@ Command add_replay(CLI::App& program, const std::string& command_line) {
       "  pocket-ptam replay 'frames/img_%04d.png' --fov 60 --fps 15 --tap 2\n"
       "  pocket-ptam replay monday.mp4 --calibration phone.yaml --save-map room.map\n"
       "  pocket-ptam replay tuesday.mp4 --calibration phone.yaml --load-map room.map\n"
+      "  pocket-ptam replay clip.mp4 --fov 50 --show        in a window, or on the screen of a board\n"
       "  pocket-ptam replay desk                            what live --record desk did, bit for bit");
   return {replay, [chosen, command_line] { return replay_recording(*chosen, command_line); }};
 }

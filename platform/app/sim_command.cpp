@@ -154,6 +154,7 @@ std::string footer() {
          "  pocket-ptam sim --scene boxes --seed 3 --out out/boxes3\n"
          "  pocket-ptam sim --story shake --seed 2\n"
          "  pocket-ptam sim --readout rows:+:0.030 --fps 30   another phone's shutter\n"
+         "  pocket-ptam sim --show                            as it goes, in a window or on the screen\n"
          "  pocket-ptam sim --dump /tmp/desk                  a sequence for other programs\n"
          "  pocket-ptam sim --harsh people,flicker:0.3 --exposure 0.004\n"
          "  pocket-ptam sim --save-map desk.map\n"
@@ -176,6 +177,7 @@ class SimCommand {
     CLI::Option* story = add_sequence_options(sim, &chosen_);
     add_laboratory_options(sim, story, &studies_);
     add_run_options(sim, &run_, &output_);
+    add_show_options(sim, &output_.show);
     sim->footer(footer());
   }
 
@@ -184,6 +186,8 @@ class SimCommand {
     const bool many_runs = studies_.suite || !studies_.study.empty() || studies_.endurance_minutes;
     if ((many_runs || !chosen_.dump.empty()) && (run_.save_map || run_.lock_map || !run_.load_map.empty()))
       throw InputError("--load-map, --save-map and --lock-map belong to a single run");
+    if ((many_runs || !chosen_.dump.empty()) && output_.show.where != DisplayChoice::kNone)
+      throw InputError("--show belongs to a single run");
     if (studies_.suite) return run_suite();
     const bool many_scenes = studies_.study == "culling" || studies_.study == "harsh" || studies_.study == "stretches";
     if (chosen_.stories.size() + chosen_.scenes.size() > 1 && !many_scenes)

@@ -101,6 +101,17 @@ class Show {
   std::string trouble_;
 };
 
+// Null, with a warning, where nothing can be drawn.
+std::unique_ptr<Show> make_show(const CameraInfo& camera, const OutputFolder& folder,
+                                std::vector<std::string>* warnings) {
+  try {
+    return std::make_unique<Show>(camera, folder, warnings);
+  } catch (const InputError& error) {
+    warnings->push_back(std::string("there is no overlay: ") + error.what());
+    return nullptr;
+  }
+}
+
 // The run, with its overlay and its progress on the terminal. The folder is made once the input is known to be good.
 RunLog run_and_show(const Runner& runner, const OutputOptions& output, const OutputFolder& folder,
                     std::unique_ptr<Show>* show, std::vector<std::string>* warnings) {
@@ -109,12 +120,12 @@ RunLog run_and_show(const Runner& runner, const OutputOptions& output, const Out
       [&](const CameraInfo& info) {
         folder.prepare();
         stop_on_signals();  // first: the overlay's encoder is to be ended like the rest
-        if (!output.no_overlay) *show = std::make_unique<Show>(info, folder, warnings);
+        if (!output.no_overlay) *show = make_show(info, folder, warnings);
       },
       [&](const Frame& frame, const TrackResult& result, const RunLog& so_far) {
         const FrameLog& entry = so_far.frames.back();
         if (*show) (*show)->add(frame, result, entry);
-        if (!output.no_progress)
+        if (!output.no_progress && output.show.where == DisplayChoice::kNone)
           progress.show(so_far.source_frames, so_far.camera.frame_count.value_or(0),
                         format("%.1f s  %s, %d keyframes, %d points", so_far.seconds(entry.timestamp_ns),
                                name_of(entry.state), entry.keyframes, entry.map_points));
@@ -245,6 +256,24 @@ void write_map_file(const std::string& file, std::span<const std::byte> map) {
   write_atomically(file, map);
 }
 
+Watching::Watching(const OutputOptions& output, const CameraInfo& camera) {
+  if (output.show.where == DisplayChoice::kNone) return;
+  ShowOptions show = output.show;
+  show.paced = true;
+  show_.emplace(show, camera, [](const std::string& text) { std::fprintf(stderr, "%s\n", printable(text).c_str()); });
+  keys_.emplace();
+  spectator_ = spectator_of(&*show_, &*keys_);
+  if (output.save_map.empty()) return;
+  spectator_.on_save = [this, file = output.save_map](std::span<const std::byte> map) {
+    try {
+      write_map_file(file, map);
+      show_->say("map saved to " + file);
+    } catch (const InputError& error) {
+      show_->say(error.what());
+    }
+  };
+}
+
 std::string folder_name(const std::string& name) {
   std::string folder;
   for (const char c : name) {
@@ -279,8 +308,9 @@ void add_inputs(const RecordingOptions& recording, Knowledge* knowledge) {
 
 int run_and_write(platform::Camera& camera, const RunOptions& run_options, const OutputOptions& output,
                   const Knowledge& knowledge, const std::string& command_line) {
+  const Watching watching(output, camera.info());
   const Runner runner = [&](const StartObserver& on_start, const FrameObserver& on_frame) {
-    return run_sequence(camera, run_options, on_start, on_frame);
+    return run_sequence(camera, run_options, on_start, on_frame, watching.spectator());
   };
   return run_and_write(camera.info().name, camera.ground_truth(), runner, run_options, output, knowledge, command_line);
 }

@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <filesystem>
 #include <functional>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -11,7 +12,9 @@
 #include "platform/app/options.h"
 #include "platform/camera.h"
 #include "platform/outputs.h"
+#include "platform/run/keys.h"
 #include "platform/run/run.h"
+#include "platform/run/screen_show.h"
 #include "platform/run/summary.h"
 
 namespace pptam::app {
@@ -40,6 +43,19 @@ int run_and_write(const std::string& name, const platform::Trajectory& truth, co
 // --save-map alone: judged before anything is done, and written; both throw InputError.
 void check_map_file(const std::string& file, const platform::Inputs& inputs);
 void write_map_file(const std::string& file, std::span<const std::byte> map);
+
+// Somebody who watches what the options say: a display, if they name one, and the terminal's keys with it.
+class Watching {
+ public:
+  // Opens the display. Throws InputError.
+  Watching(const OutputOptions& output, const platform::CameraInfo& camera);
+  const platform::Spectator& spectator() const { return spectator_; }
+
+ private:
+  std::optional<platform::Keys> keys_;
+  std::optional<platform::ScreenShow> show_;
+  platform::Spectator spectator_;
+};
 
 // Adds all files that the recording is read from.
 void add_inputs(const platform::RecordingOptions& recording, Knowledge* knowledge);

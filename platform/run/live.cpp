@@ -67,13 +67,12 @@ class LiveRun {
   void build();
   void track(const Frame& frame);
   bool meet(CameraEvent event);
-  void press(LiveKey key);
+  void press(RunKey key);
   void mark();
   void forget_marks() {
     aimed_.reset();
     marked_.reset();
   }
-  void save();
   LiveResult finish();
   void say(const std::string& text) const {
     if (observer_.say) observer_.say(text);
@@ -205,30 +204,12 @@ bool LiveRun::meet(CameraEvent event) {
   return true;
 }
 
-void LiveRun::press(LiveKey key) {
-  const System& system = system_->system();
-  switch (key) {
-    case LiveKey::kNothing:
-      return;
-    case LiveKey::kTap:
-      forget_marks();
-      system_->tap();
-      return say("tap: the next frame is the first view; move sideways");
-    case LiveKey::kReset:
-      forget_marks();
-      system_->reset();
-      return say("reset: everything is forgotten");
-    case LiveKey::kLock:
-      system_->set_locked(!system.locked());
-      return say(system.locked() ? "the map is locked" : "the map is unlocked");
-    case LiveKey::kMark:
-      return mark();
-    case LiveKey::kSave:
-      return save();
-    case LiveKey::kQuit:
-      over_ = true;
-      return;
-  }
+void LiveRun::press(RunKey key) {
+  if (key == RunKey::kMark) return mark();
+  if (key == RunKey::kTap || key == RunKey::kReset) forget_marks();
+  const SystemCalls calls = {[this] { system_->tap(); }, [this] { system_->reset(); },
+                             [this](bool locked) { system_->set_locked(locked); }};
+  if (!platform::press(key, system_->system(), calls, observer_)) over_ = true;
 }
 
 void LiveRun::mark() {
@@ -243,17 +224,6 @@ void LiveRun::mark() {
   marked_.reset();
   say(status.ok() ? format("the two marks are %.6g apart from now on", options_.length)
                   : std::string("the length is not set: ") + status.message());
-}
-
-void LiveRun::save() {
-  const System& system = system_->system();
-  if (!observer_.on_save) return say("nothing is saved: no file was named by --save-map");
-  if (system.map_bytes() == 0) return say("nothing is saved: there is no map yet");
-  std::vector<std::byte> map(system.map_bytes());
-  size_t bytes = 0;
-  const Status status = system.save_map(map, &bytes);
-  if (!status.ok()) return say(std::string("nothing is saved: ") + status.message());
-  observer_.on_save(std::span(map).first(bytes));
 }
 
 void LiveRun::track(const Frame& frame) {
@@ -293,7 +263,7 @@ void LiveRun::track(const Frame& frame) {
   status.recorded = recording_ ? recording_->frames() : 0;
   status.seconds = 1e-9 * static_cast<double>(saturated_difference(frame.timestamp_ns, first_ns_));
   if (options_.duration_s > 0 && status.seconds >= options_.duration_s) over_ = true;
-  if (options_.keep_frames) {
+  if (options_.keep_frames || observer_.show) {
     FrameLog entry = log_of(result);
     entry.index = index;
     entry.track_ns = tracked_ns - start_ns;
@@ -301,8 +271,11 @@ void LiveRun::track(const Frame& frame) {
     entry.mapping_ns = mapping_ns_;
     entry.idle_slices = slices_;
     entry.instructions = session_.system->work_meter().instructions() - start_instructions;
-    log.frames.push_back(entry);
-    if (observer_.on_frame) observer_.on_frame(frame, result, log);
+    if (options_.keep_frames) {
+      log.frames.push_back(entry);
+      if (observer_.on_frame) observer_.on_frame(frame, result, log);
+    }
+    if (observer_.show) observer_.show(frame, result, entry, *session_.system);
   }
   slices_ = 0;
   mapping_ns_ = 0;

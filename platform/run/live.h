@@ -17,8 +17,6 @@
 
 namespace pptam::platform {
 
-enum class LiveKey { kNothing, kTap, kReset, kLock, kMark, kSave, kQuit };
-
 struct LiveOptions {
   RunOptions run;         // clock, drop_late and max_wait_s do not matter: time is the camera's
   double duration_s = 0;  // ends by itself; 0: never
@@ -59,16 +57,13 @@ struct LiveStatus {
   CameraStatus camera;
 };
 
-struct LiveObserver {
+struct LiveObserver : Spectator {
   // Once the first frame has come and the system is built: outputs may be made.
   StartObserver on_start;
-  std::function<LiveKey()> key;  // asked between slices and frames; does not wait
   // At once after a frame was tracked: its line is to be written. False: nobody reads any more, which ends the run.
   std::function<bool(const TrackResult&, int64_t arrived_ns)> on_result;
-  FrameObserver on_frame;                                   // afterwards, with keep_frames
-  std::function<void(const LiveStatus&)> on_status;         // after each frame
-  std::function<void(const std::string&)> say;              // an event, one line
-  std::function<void(std::span<const std::byte>)> on_save;  // the map, as a file's content
+  FrameObserver on_frame;                            // afterwards, with keep_frames
+  std::function<void(const LiveStatus&)> on_status;  // after each frame
 };
 
 struct LiveResult {

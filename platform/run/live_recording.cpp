@@ -521,7 +521,7 @@ void repeat_call(System& system, const LiveScript& script, const LiveScript::Eve
 }  // namespace
 
 RunLog repeat_live_recording(const LiveScript& script, const RunOptions& options, const StartObserver& on_start,
-                             const FrameObserver& on_frame) {
+                             const FrameObserver& on_frame, const Spectator& spectator) {
   RunOptions settings = script.settings;
   settings.clock = options.clock;
   settings.slowdown = options.slowdown;
@@ -536,8 +536,9 @@ RunLog repeat_live_recording(const LiveScript& script, const RunOptions& options
   on_start(log.camera);
   int slices = 0;
   int64_t mapping_ns = 0;
+  bool quit = false;
   for (const LiveScript::Event& event : script.events) {
-    if (interrupted()) break;
+    if (interrupted() || quit) break;
     try {
       const int64_t from_ns = clock.now_ns();
       if (event.kind != LiveScript::Kind::kFrame) {
@@ -570,6 +571,8 @@ RunLog repeat_live_recording(const LiveScript& script, const RunOptions& options
       entry.instructions = system.work_meter().instructions() - start_instructions;
       log.frames.push_back(entry);
       if (on_frame) on_frame(frame, result, log);
+      if (spectator.show) spectator.show(frame, result, entry, system);
+      quit = spectator.key && spectator.key() == RunKey::kQuit;
     } catch (const std::exception& error) {
       if (log.frames.empty()) throw;
       log.broken = error.what();
@@ -578,7 +581,7 @@ RunLog repeat_live_recording(const LiveScript& script, const RunOptions& options
   }
   if (interrupted()) log.broken = log.camera.name + ": " + interruption();
   take_map(system, settings, &log);
-  if (log.broken.empty() && script.map_hash && *script.map_hash != log.map_hash && log.differs.empty())
+  if (!quit && log.broken.empty() && script.map_hash && *script.map_hash != log.map_hash && log.differs.empty())
     log.differs = "the map has other bits than that of the live run: was it recorded by another version?";
   return log;
 }

@@ -137,8 +137,9 @@ struct LiveScript {
 LiveScript read_live_recording(const std::filesystem::path& folder);
 
 // Does all of it again. options: the clock that times it, and whether the map is to be saved. RunLog::broken says where
-// an image is missing, RunLog::differs where the bits are not those of the live run.
+// an image is missing, RunLog::differs where the bits are not those of the live run. Of the spectator's keys only that
+// which quits is heard; the map at the end is not that of the live run then, and nothing is said of it.
 RunLog repeat_live_recording(const LiveScript& script, const RunOptions& options, const StartObserver& on_start,
-                             const FrameObserver& on_frame);
+                             const FrameObserver& on_frame, const Spectator& spectator = {});
 
 }  // namespace pptam::platform

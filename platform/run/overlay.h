@@ -1,7 +1,5 @@
-// The camera's image with what the tracker saw and a small house standing on the map's ground, as a video and stills.
-//
-// The house and the ground grid go through the camera model, distortion included, so a wrong pose shows as a house that
-// slides. overlay.mp4 keeps the source's time: a dropped frame repeats the picture before it.
+// The pictures of run/composer.h, drawn off-screen, as a video and stills. overlay.mp4 keeps the source's time: a
+// dropped frame repeats the picture before it.
 #pragma once
 
 #include <filesystem>
@@ -17,6 +15,7 @@ namespace pptam::platform {
 class Overlay {
  public:
   // video: the file to encode into, MP4 whatever its name. Without ffmpeg there are only the stills, and a warning.
+  // Throws InputError where nothing can be drawn: without EGL.
   Overlay(const CameraInfo& camera, const std::filesystem::path& video, std::vector<std::string>* warnings);
   ~Overlay();
   Overlay(const Overlay&) = delete;

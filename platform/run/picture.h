@@ -3,8 +3,11 @@
 
 #include <cairo.h>
 
+#include <cstddef>
+#include <cstdint>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "platform/input_error.h"
 
@@ -44,6 +47,20 @@ inline std::string png_of(const Surface& surface) {
   const cairo_status_t status = cairo_surface_write_to_png_stream(surface.get(), append, &png);
   if (status != CAIRO_STATUS_SUCCESS) throw InputError(std::string("a picture: ") + cairo_status_to_string(status));
   return png;
+}
+
+// Rows of red, green, blue and alpha from the top, width times 4 bytes each; alpha is not looked at.
+inline std::string png_of_rgba(const std::vector<uint8_t>& rgba, int width, int height) {
+  const Surface surface = make_surface(width, height);
+  unsigned char* pixels = cairo_image_surface_get_data(surface.get());
+  const int stride = cairo_image_surface_get_stride(surface.get());
+  const uint8_t* from = rgba.data();
+  for (int y = 0; y < height; ++y) {
+    auto* row = reinterpret_cast<uint32_t*>(pixels + static_cast<ptrdiff_t>(y) * stride);
+    for (int x = 0; x < width; ++x, from += 4) row[x] = 0xff000000u | from[0] << 16 | from[1] << 8 | from[2];
+  }
+  cairo_surface_mark_dirty(surface.get());
+  return png_of(surface);
 }
 
 }  // namespace pptam::platform

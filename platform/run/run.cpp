@@ -91,10 +91,17 @@ class Taps {
   size_t next_ = 0;
 };
 
+// Whether the spectator's key, if any, is to end the run; another one is obeyed.
+bool quits(const Spectator& spectator, System* system) {
+  const SystemCalls calls = {[system] { system->tap(); }, [system] { system->reset(); },
+                             [system](bool locked) { system->set_locked(locked); }};
+  return spectator.key && !press(spectator.key(), *system, calls, spectator);
+}
+
 }  // namespace
 
 RunLog run_sequence(Camera& camera, const RunOptions& options, const StartObserver& on_start,
-                    const FrameObserver& on_frame) {
+                    const FrameObserver& on_frame, const Spectator& spectator) {
   RunLog log;
   log.camera = camera.info();
   log.clock = options.clock;
@@ -113,7 +120,7 @@ RunLog run_sequence(Camera& camera, const RunOptions& options, const StartObserv
   int64_t passed_over_ns = 0;
   const auto advance = [&](int64_t since_ns) {
     const bool more = source.advance();
-    clock->forget_since(since_ns);  // reading the source and drawing the overlay
+    clock->forget_since(since_ns);  // reading the source and drawing
     return more;
   };
   int64_t end_ns = clock->now_ns();
@@ -161,7 +168,8 @@ RunLog run_sequence(Camera& camera, const RunOptions& options, const StartObserv
     if (options.hash_every > 0 && index % options.hash_every == 0) entry.map_hash = map_hash(*system);
     log.frames.push_back(entry);
     if (on_frame) on_frame(frame, result, log);
-  } while (!interrupted() && advance(end_ns));
+    if (spectator.show) spectator.show(frame, result, entry, *system);
+  } while (!interrupted() && !quits(spectator, system) && advance(end_ns));
   if (interrupted() && log.broken.empty()) log.broken = log.camera.name + ": " + interruption();
 
   log.warnings = camera.remarks();

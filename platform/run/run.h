@@ -10,6 +10,7 @@
 #include "platform/camera.h"
 #include "platform/run/run_log.h"
 #include "platform/run/session.h"
+#include "platform/run/spectator.h"
 
 namespace pptam::platform {
 
@@ -21,8 +22,8 @@ using StartObserver = std::function<void(const CameraInfo&)>;
 
 // Throws InputError when nothing could be tracked (no first frame, a calibration that the system refuses); a
 // source that breaks later ends the run and leaves its reason in RunLog::broken, and so does a signal
-// (platform/run/interruption.h) after the frame that it meets.
+// (platform/run/interruption.h) after the frame that it meets. A key that quits is no breaking.
 RunLog run_sequence(Camera& camera, const RunOptions& options, const StartObserver& on_start,
-                    const FrameObserver& on_frame);
+                    const FrameObserver& on_frame, const Spectator& spectator = {});
 
 }  // namespace pptam::platform

@@ -1,7 +1,6 @@
 #include "platform/run/video_writer.h"
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
 #include <utility>
 
@@ -14,12 +13,11 @@ VideoWriter::VideoWriter(const std::filesystem::path& file, int width, int heigh
                          std::vector<std::string>* warnings)
     : height_(height), fps_(fps) {
   const std::string size = std::to_string(width) + "x" + std::to_string(height);
-  const char* pixels = std::endian::native == std::endian::little ? "bgra" : "argb";
   const std::string rate = std::to_string(fps_);
   const std::string output = "file:" + file.string();  // a name is never taken for an option or URL
   std::vector<std::string> command = {"ffmpeg", "-nostdin", "-loglevel", "error", "-y"};
   for (const char* word :
-       {"-f", "rawvideo", "-pix_fmt", pixels,      "-s",         size.c_str(), "-r",       rate.c_str(),
+       {"-f", "rawvideo", "-pix_fmt", "rgba",      "-s",         size.c_str(), "-r",       rate.c_str(),
         "-i", "pipe:0",   "-an",      "-c:v",      "libx264",    "-preset",    "veryfast", "-crf",
         "20", "-pix_fmt", "yuv420p",  "-movflags", "+faststart", "-f",         "mp4",      output.c_str()}) {
     command.emplace_back(word);

@@ -20,7 +20,7 @@ class VideoWriter {
   // warnings says so.
   VideoWriter(const std::filesystem::path& file, int width, int height, double fps, std::vector<std::string>* warnings);
 
-  // Rows of 32-bit pixels as cairo has them; every picture has the same stride, width times 4.
+  // Rows of red, green, blue, alpha; every picture has the same stride, width times 4.
   // Throws InputError when ffmpeg has failed.
   void add(const unsigned char* pixels, size_t stride_bytes, int64_t timestamp_ns);
   bool finish();  // false: there is no video. Throws InputError when ffmpeg has failed

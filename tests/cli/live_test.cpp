@@ -114,7 +114,7 @@ struct Lived {
 };
 
 // With keys before the frames of those numbers.
-Lived live(const fs::path& record, unsigned seed, const std::map<int, LiveKey>& keys, int pull_out_before = -1) {
+Lived live(const fs::path& record, unsigned seed, const std::map<int, RunKey>& keys, int pull_out_before = -1) {
   Lived lived;
   HastyCamera camera(desk(), seed);
   camera.pull_out_before = pull_out_before;
@@ -128,7 +128,7 @@ Lived live(const fs::path& record, unsigned seed, const std::map<int, LiveKey>& 
   int pressed = -1;
   observer.key = [&] {
     const auto key = keys.find(camera.next());
-    if (key == keys.end() || pressed == camera.next()) return LiveKey::kNothing;
+    if (key == keys.end() || pressed == camera.next()) return RunKey::kNothing;
     pressed = camera.next();
     return key->second;
   };
@@ -169,7 +169,7 @@ class Live : public ::testing::Test {
 // ---- Recordings --------------------------------------------------------------------------------------------------
 
 TEST_F(Live, ARecordingIsRepeatedBitForBit) {
-  using Key = LiveKey;
+  using Key = RunKey;
   const std::map<int, Key> keys[] = {
       {}, {{2, Key::kTap}, {55, Key::kLock}, {65, Key::kLock}}, {{5, Key::kTap}, {60, Key::kReset}, {62, Key::kTap}}};
   uint64_t hashes[3] = {};
@@ -190,7 +190,7 @@ TEST_F(Live, ARecordingIsRepeatedBitForBit) {
 
 TEST_F(Live, OtherBitsAreSeen) {
   const fs::path folder = at("recording");
-  live(folder, 4, {{2, LiveKey::kTap}});
+  live(folder, 4, {{2, RunKey::kTap}});
   const std::string events = read(folder / "events.txt");
   std::string fewer = events;
   const size_t tap = fewer.find("\ntap\n");
@@ -209,7 +209,7 @@ TEST_F(Live, OtherBitsAreSeen) {
 }
 
 TEST_F(Live, LoadAndLengthAreRepeatedToo) {
-  const Lived first = live("", 5, {{2, LiveKey::kTap}, {desk().size() - 1, LiveKey::kSave}});
+  const Lived first = live("", 5, {{2, RunKey::kTap}, {desk().size() - 1, RunKey::kSave}});
   ASSERT_FALSE(first.map.empty());
   RunOptions options;
   Session session = make_session(desk().info, options);
@@ -328,7 +328,7 @@ TEST_F(Live, AListOfEventsThatIsWrongIsRefused) {
 
 TEST_F(Live, ListsThatWouldTakeAllMemoryAreRefused) {
   const fs::path folder = at("recording");
-  live(folder, 9, {{2, LiveKey::kTap}});
+  live(folder, 9, {{2, RunKey::kTap}});
   const std::string events = read(folder / "events.txt");
   const size_t frame = events.find("\nframe") + 1;
   const auto with = [&](const std::string& line, int times) {
@@ -417,7 +417,7 @@ TEST_F(Live, AStartThatFailsLeavesNoRecording) {
   EXPECT_EQ(message_of([&] { run_live(camera, options, observer); }), "no place for poses");
   EXPECT_FALSE(fs::exists(at("record")));
 
-  const Lived lived = live("", 12, {{2, LiveKey::kTap}, {desk().size() - 1, LiveKey::kSave}});
+  const Lived lived = live("", 12, {{2, RunKey::kTap}, {desk().size() - 1, RunKey::kSave}});
   ASSERT_FALSE(lived.map.empty());
   write(at("desk.map"), {reinterpret_cast<const char*>(lived.map.data()), lived.map.size()});
   test::Recording other = test::part_of(desk(), 0, 5);
@@ -446,7 +446,7 @@ TEST_F(Live, ADurationEndsItWhileTheCameraIsGone) {
 }
 
 TEST_F(Live, ACameraThatIsPulledOutIsWaitedFor) {
-  const Lived lived = live(at("recording"), 8, {{2, LiveKey::kTap}}, 50);
+  const Lived lived = live(at("recording"), 8, {{2, RunKey::kTap}}, 50);
   EXPECT_EQ(lived.result.log.frames.size(), static_cast<size_t>(desk().size()));
   std::string said;
   for (const std::string& line : lived.said) said += line + "\n";

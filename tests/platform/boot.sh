@@ -25,6 +25,7 @@ is the script's.
   --out DIR            what the script writes to /out is found there afterwards, and dmesg.txt
   --memory MB          512 when not given, and always of raspi0
   --timeout SECONDS    90 when not given
+  --qemu "OPTION..."   further options of qemu's, such as another device
   --fetch              only fetches the kernel
   --offline            never fetches it: without it, skips
 The kernel is fetched once from Debian into build/drivers (100 MB to fetch, 0.5 GB on disk), by apt-get and without
@@ -38,14 +39,14 @@ HELP
 }
 
 machine=pc ns_shift="" suite=bookworm memory=512 seconds=90 script="" out="" root="" sysroot="" fetch="" offline=""
-modules=() carried=() files=()
+modules=() carried=() files=() more_computer=()
 while (($# > 0)); do
   case "$1" in
     -h | --help) usage; exit 0 ;;
     --fetch) fetch=1 ;;
     --offline) offline=1 ;;
     --machine | --shift | --suite | --module | --carry | --program | --file | --sysroot | --root | --out | --memory | \
-      --timeout | --script)
+      --timeout | --qemu | --script)
       if (($# < 2)); then
         echo "error: $1 needs a value; see --help" >&2
         exit 2
@@ -63,6 +64,7 @@ while (($# > 0)); do
         --out) out=$2 ;;
         --memory) memory=$2 ;;
         --timeout) seconds=$2 ;;
+        --qemu) read -ra words <<<"$2"; more_computer+=("${words[@]}") ;;
         --script) script=$2 ;;
       esac
       shift
@@ -193,7 +195,7 @@ case "$machine" in
     ;;
 esac
 status=0
-timeout --foreground "$seconds" "${computer[@]}" </dev/null | tr -d '\r' || status=${PIPESTATUS[0]}
+timeout --foreground "$seconds" "${computer[@]}" "${more_computer[@]}" </dev/null | stdbuf -oL tr -d '\r' || status=${PIPESTATUS[0]}
 if ((status == 124)); then
   echo "boot.sh: not done after $seconds s" >&2
   exit 124
