@@ -1,0 +1,122 @@
+#include "edges/edge_search.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+
+namespace pptam {
+
+namespace {
+
+// Grey values: an edge of less contrast is not sought. Below JPEG's and a sensor's noise over three samples. Not swept.
+constexpr int kLeastContrast = 3;
+// Grey values of contrast at which half of the full likelihood is reached. Not swept.
+constexpr float kHalfContrast = 10;
+// Squared grey values of a profile's variance, below which its correlation is that of noise. Not swept.
+constexpr float kLeastVariance = 4;
+// Likelihood that an edge keeps which looks unlike the remembered one, ratio. Not swept.
+constexpr float kUnlike = 0.15f;
+
+constexpr int kFraction = 16;          // bits of fixed-point coordinates
+constexpr int kWeightShift = 12;       // to the 4 bits of bilinear weights
+constexpr int kWeightMask = 15;
+
+// Bilinear, in 1/256 grey: the weights sum to 256, so at most 65280. x, y: 16.16 fixed point.
+inline int bilinear(const GreyView& image, int32_t x, int32_t y) {
+  const uint8_t* p = image.row(y >> kFraction) + (x >> kFraction);
+  const int wx = (x >> kWeightShift) & kWeightMask, wy = (y >> kWeightShift) & kWeightMask;
+  const int top = (16 - wx) * p[0] + wx * p[1];
+  const uint8_t* q = p + image.stride;
+  const int bottom = (16 - wx) * q[0] + wx * q[1];
+  return (16 - wy) * top + wy * bottom;
+}
+
+inline int32_t fixed(float v) {
+  return static_cast<int32_t>(std::lrint(v * 65536.0f));
+}
+
+// Reaches one pixel beyond the last sample, and rounding is within 1/64 px.
+constexpr float kReach_px = 1.05f;
+
+}  // namespace
+
+bool profile_inside(const GreyView& image, const Vector2f& px, const Vector2f& normal, int half) {
+  const float along = static_cast<float>(half);
+  const float x = along * std::abs(normal.x()) + std::abs(normal.y()) + kReach_px;
+  const float y = along * std::abs(normal.y()) + std::abs(normal.x()) + kReach_px;
+  return px.x() - x >= 0 && px.y() - y >= 0 && px.x() + x <= static_cast<float>(image.width - 1) &&
+         px.y() + y <= static_cast<float>(image.height - 1);
+}
+
+// Sum of three bilinear samples: at most 195840; shifted by 4 with rounding: at most 12240.
+void sample_profile(const GreyView& image, const Vector2f& px, const Vector2f& normal, int half, int16_t* profile) {
+  const int32_t nx = fixed(normal.x()), ny = fixed(normal.y());
+  int32_t x = fixed(px.x()) - half * nx, y = fixed(px.y()) - half * ny;
+  for (int k = 0; k <= 2 * half; ++k) {
+    const int sum = bilinear(image, x, y) + bilinear(image, x - ny, y + nx) + bilinear(image, x + ny, y - nx);
+    profile[k] = static_cast<int16_t>((sum + 8) >> 4);
+    x += nx;
+    y += ny;
+  }
+}
+
+// Sums of 11 products of values up to 12240: 1.65e9, within int32; of their variances times 11 within int64.
+float similarity(const int16_t* profile, int i, const SiteMemory& memory) {
+  int sum_a = 0, sum_b = 0;
+  int64_t aa = 0, bb = 0, ab = 0;
+  for (int k = 0; k < kMatchSize; ++k) {
+    const int a = profile[i - kMatchHalf + k], b = memory.profile[k];
+    sum_a += a;
+    sum_b += b;
+    aa += a * a;
+    bb += b * b;
+    ab += a * b;
+  }
+  const float var_a = static_cast<float>(aa * kMatchSize - static_cast<int64_t>(sum_a) * sum_a);
+  const float var_b = static_cast<float>(bb * kMatchSize - static_cast<int64_t>(sum_b) * sum_b);
+  constexpr float kLeast = kLeastVariance * kProfileUnits * kProfileUnits * kMatchSize * kMatchSize;
+  if (var_a < kLeast || var_b < kLeast) return 0;
+  return static_cast<float>(ab * kMatchSize - static_cast<int64_t>(sum_a) * sum_b) / std::sqrt(var_a * var_b);
+}
+
+void learn(const int16_t* profile, int i, SiteMemory* memory) {
+  for (int k = 0; k < kMatchSize; ++k) {
+    const int value = profile[i - kMatchHalf + k];
+    int16_t& kept = memory->profile[k];
+    kept = static_cast<int16_t>(memory->seen == 0 ? value : (3 * kept + value + 2) >> 2);
+  }
+  if (memory->seen < 255) ++memory->seen;
+}
+
+int find_edges(const int16_t* profile, int range, const SiteMemory* memory, EdgeCandidate (&found)[kMaxCandidates]) {
+  int count = 0;
+  const bool known = memory && memory->seen > 0;
+  const int first = kMatchHalf, last = 2 * range + kMatchHalf;  // indices of the offsets -range and range
+  int before = std::abs(convolution(profile, first - 1)), here = std::abs(convolution(profile, first));
+  for (int i = first; i <= last; ++i) {
+    const int after = std::abs(convolution(profile, i + 1));
+    if (here > before && here >= after && here >= kLeastContrast * kStepResponse) {
+      EdgeCandidate candidate;
+      const float curvature = static_cast<float>(before - 2 * here + after);
+      candidate.offset = static_cast<float>(i - first - range) + 0.5f * static_cast<float>(before - after) / curvature;
+      const float contrast = static_cast<float>(here) / kStepResponse;
+      candidate.likelihood = contrast / (contrast + kHalfContrast);
+      if (known) {
+        candidate.similarity = similarity(profile, i, *memory);
+        candidate.likelihood *= std::max(kUnlike, candidate.similarity);
+      }
+      int place = count;
+      while (place > 0 && found[place - 1].likelihood < candidate.likelihood) --place;
+      if (place < kMaxCandidates) {
+        count = std::min(count + 1, kMaxCandidates);
+        for (int k = count - 1; k > place; --k) found[k] = found[k - 1];
+        found[place] = candidate;
+      }
+    }
+    before = here;
+    here = after;
+  }
+  return count;
+}
+
+}  // namespace pptam

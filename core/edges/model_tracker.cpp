@@ -1,0 +1,595 @@
+#include <pocket_ptam/model_tracker.h>
+
+#include <algorithm>
+#include <cmath>
+#include <new>
+
+#include "base/containers.h"
+#include "base/deterministic_math.h"
+#include "camera/full_frame_rotation.h"
+#include "camera/motion_model.h"
+#include "camera/small_image.h"
+#include "edges/edge_search.h"
+#include "edges/model_view.h"
+#include "edges/servoing.h"
+#include "image/pyramid.h"
+
+namespace pptam {
+
+namespace {
+
+// Pyramid levels searched, at most, 0 to this; coarser ones only while the shorter side has this many pixels. Not swept.
+constexpr int kCoarsest = 2, kFewestPixels = 100;
+// Reach of a search along the normal, pixels of its level: at the coarsest level, and at finer ones after it. Not swept.
+constexpr int kFirstRange = 8, kNextRange = 5;
+// Least scale of the robust weights, pixels of the level.
+constexpr float kSigmaFloor = 0.3f;
+// Distance from its contour within which an edge speaks for the pose, level-0 pixels.
+constexpr float kSupport_px = 2.5f;
+// Correlation with the memory from which on a site looks as it should.
+constexpr float kAlike = 0.6f;
+// Quality under which a frame is weak, and above which a pose that was lost is believed.
+constexpr float kWeak = 0.30f, kBelieved = 0.50f;
+constexpr int kWeakFrames = 3;  // in a row: lost
+constexpr int kViews = 16;      // kept for a restart
+
+Status bad(const char* message) {
+  return {StatusCode::kInvalidArgument, message};
+}
+
+bool all_finite(const Vector3f& v) {
+  constexpr float kLargest = 1e6f;
+  return std::abs(v.x()) <= kLargest && std::abs(v.y()) <= kLargest && std::abs(v.z()) <= kLargest;
+}
+
+}  // namespace
+
+struct ModelTracker::Impl {
+  // A pose and how well the picture agrees with it.
+  struct Hypothesis {
+    SE3 T;
+    float quality = 0;
+    ServoingResult fit;
+  };
+  struct View {  // of a frame that was tracked well
+    GreyImage small;
+    SE3 T;
+  };
+
+  Impl(Arena& arena, const ModelTrackerConfig& configuration);
+
+  ModelResult track(const Frame& frame);
+  void begin(const Frame& frame);
+  void predict();
+  Hypothesis refine(SE3 T, int from_level, int range);
+  ServoingResult fit(const SE3& T, int level, int range, int iterations);
+  float evidence(const SE3& T, int level);
+  float support() const;
+  void learn_all(const SE3& T);
+  void keep_view(const SE3& T);
+  Hypothesis start_search(const SE3& T);
+  Hypothesis restart();
+  void report(const Hypothesis& found, ModelResult* result);
+  SiteMemory& memory(const ContourSite& site, int level) {
+    return memory_[(level * parts.contours() + site.contour) * kSiteBuckets + site.bucket];
+  }
+  SE3 turned(const SE3& T, const Vector3f& turn, const Vector3f& shift_in_depths) const;
+
+  ModelTrackerConfig config;
+  ModelParts parts;
+  ModelView view;
+  Servoing servoing;
+  FullFrameRotation rotation;
+  MotionModel motion;
+  GreyImage grey_;
+  PyramidStorage storage_;
+  GreyImage small_[2];
+  FixedVector<ContourSite> sites_;
+  FixedVector<EdgeMeasurement> measurements_;
+  FixedVector<SiteMemory> memory_;
+  FixedVector<uint8_t> supported_;  // by contour and bucket, in the last search of level 0
+  FixedVector<ModelSite> reported_;
+  FixedVector<View> views_;
+  int views_used_ = 0, next_view_ = 0;
+
+  Pyramid pyramid_;
+  int coarsest_ = 0;
+  bool use_memory_ = true;
+  Vector6f velocity_ = Vector6f::Zero();  // of T_co, for the rolling shutter
+  ModelState state_ = ModelState::kWaiting;
+  bool starting_ = false;
+  SE3 T_start_;
+  int frames_ = 0;  // since small images are there
+  int weak_ = 0;
+  int lost_frames_ = 0;
+  SE3 T_good_;  // last good pose
+  int64_t last_timestamp_ns_ = INT64_MIN, last_pose_ns_ = 0;
+};
+
+ModelTracker::Impl::Impl(Arena& arena, const ModelTrackerConfig& configuration)
+    : config(configuration),
+      parts(arena, config.model),
+      view(arena, parts, config.camera),
+      servoing(arena, view, parts, config.camera, config.max_sites),
+      rotation(arena, config.camera),
+      sites_(arena, config.max_sites),
+      measurements_(arena, config.max_sites),
+      memory_(arena, (kCoarsest + 1) * parts.contours_at_most() * kSiteBuckets),
+      supported_(arena, parts.contours_at_most() * kSiteBuckets),
+      reported_(arena, config.max_sites),
+      views_(arena, kViews) {
+  const int width = config.camera.model.width, height = config.camera.model.height;
+  const auto image = [&](int level) {
+    GreyImage made;
+    made.width = made.stride = width >> level;
+    made.height = height >> level;
+    made.data = arena.allocate_array<uint8_t>(static_cast<size_t>(made.stride) * made.height);
+    return made;
+  };
+  grey_ = image(0);
+  storage_ = PyramidStorage(arena, width, height, 1);
+  for (GreyImage& small : small_) small = image(kPyramidLevels - 1);
+  for (int i = 0; i < kViews; ++i) {
+    View kept;
+    kept.small = image(kPyramidLevels - 1);
+    views_.push_back(kept);
+  }
+  while (coarsest_ < kCoarsest && std::min(width, height) >> (coarsest_ + 1) >= kFewestPixels) ++coarsest_;
+  if (memory_.capacity() == 0) return;
+  memory_.resize((kCoarsest + 1) * parts.contours() * kSiteBuckets);
+  supported_.resize(parts.contours() * kSiteBuckets);
+}
+
+// The object turned about its middle, and shifted by parts of its distance; camera axes.
+SE3 ModelTracker::Impl::turned(const SE3& T, const Vector3f& turn, const Vector3f& shift_in_depths) const {
+  const Vector3f c = T * parts.middle();
+  const Matrix3f R = so3_exp(turn);
+  SE3 moved(R * T.R, R * (T.t - c) + c + c.z() * shift_in_depths);
+  moved.R = orthonormalised(moved.R);
+  return moved;
+}
+
+// One search and servoing in a level.
+ServoingResult ModelTracker::Impl::fit(const SE3& T, int level, int range, int iterations) {
+  view.set_pose(T);
+  view.make_sites(level, config.site_spacing_px, velocity_, &sites_);
+  measurements_.clear();
+  const GreyView& image = pyramid_.level[level];
+  const float unit = static_cast<float>(1 << level);
+  for (int i = 0; i < sites_.size(); ++i) {
+    const ContourSite& site = sites_[i];
+    const Vector2f px(from_level0(site.px.x(), level), from_level0(site.px.y(), level));
+    int reach = range;
+    while (reach > 1 && !profile_inside(image, px, site.normal, reach + kMatchHalf)) --reach;
+    if (!profile_inside(image, px, site.normal, reach + kMatchHalf)) continue;
+    int16_t profile[kMaxProfile];
+    sample_profile(image, px, site.normal, reach + kMatchHalf, profile);
+    EdgeCandidate found[kMaxCandidates];
+    const int count = find_edges(profile, reach, use_memory_ ? &memory(site, level) : nullptr, found);
+    if (count == 0) continue;
+    EdgeMeasurement m;
+    m.contour = site.contour;
+    m.site = static_cast<uint16_t>(i);
+    m.candidates = static_cast<uint8_t>(count);
+    for (int k = 0; k < count; ++k) {
+      Vector2f at = site.px + site.normal * (found[k].offset * unit);
+      if (config.camera.shutter.line_time_s != 0) at = config.camera.global_shutter_px(velocity_, site.p_c, at);
+      m.ray[k] = config.camera.unproject(at);
+      m.likelihood[k] = found[k].likelihood;
+      m.similarity[k] = found[k].similarity;
+    }
+    measurements_.push_back(m);
+  }
+  ServoingOptions options;
+  options.iterations = iterations;
+  options.range_px = static_cast<float>(range) * unit;
+  options.sigma_floor_px = kSigmaFloor * unit;
+  return servoing.run(T, options, &measurements_);
+}
+
+// From coarse to fine.
+ModelTracker::Impl::Hypothesis ModelTracker::Impl::refine(SE3 T, int from_level, int range) {
+  Hypothesis found;
+  found.T = T;
+  for (int level = from_level; level >= 0; --level) {
+    const ServoingResult fitted = fit(found.T, level, level == from_level ? range : kNextRange, 10);
+    if (fitted.ok) found.T = fitted.T_co;
+    found.fit = fitted;
+  }
+  if (found.fit.ok) found.quality = support();
+  return found;
+}
+
+// Share of the sites of the last search whose edge is where the pose says and looks as it should.
+float ModelTracker::Impl::support() const {
+  if (sites_.size() == 0) return 0;
+  float sum = 0;
+  for (const EdgeMeasurement& m : measurements_) {
+    if (!(std::abs(m.distance_px) < kSupport_px)) continue;
+    const ContourSite& site = sites_[m.site];
+    const SiteMemory& kept = memory_[site.contour * kSiteBuckets + site.bucket];
+    sum += use_memory_ && kept.seen > 0 ? std::max(0.0f, m.similarity[m.chosen]) : m.likelihood[m.chosen];
+  }
+  return sum / static_cast<float>(sites_.size());
+}
+
+// How well the picture agrees with a pose, without a search beyond a pixel of the level: 0 to 1.
+float ModelTracker::Impl::evidence(const SE3& T, int level) {
+  view.set_pose(T);
+  view.make_sites(level, config.site_spacing_px, velocity_, &sites_);
+  if (sites_.size() == 0) return 0;
+  const GreyView& image = pyramid_.level[level];
+  float sum = 0;
+  for (const ContourSite& site : sites_) {
+    const Vector2f px(from_level0(site.px.x(), level), from_level0(site.px.y(), level));
+    constexpr int kHalf = kMatchHalf + 1;
+    if (!profile_inside(image, px, site.normal, kHalf)) continue;
+    int16_t profile[kMaxProfile];
+    sample_profile(image, px, site.normal, kHalf, profile);
+    const SiteMemory& kept = memory(site, level);
+    if (use_memory_ && kept.seen > 0) {
+      float best = 0;
+      for (int i = kMatchHalf; i <= kMatchHalf + 2; ++i) best = std::max(best, similarity(profile, i, kept));
+      sum += best;
+    } else {
+      EdgeCandidate found[kMaxCandidates];
+      if (find_edges(profile, 1, nullptr, found) > 0) sum += found[0].likelihood;
+    }
+  }
+  return sum / static_cast<float>(sites_.size());
+}
+
+void ModelTracker::Impl::learn_all(const SE3& T) {
+  view.set_pose(T);
+  for (int level = 0; level <= coarsest_; ++level) {
+    view.make_sites(level, config.site_spacing_px, velocity_, &sites_);
+    const GreyView& image = pyramid_.level[level];
+    for (const ContourSite& site : sites_) {
+      if (!supported_[site.contour * kSiteBuckets + site.bucket]) continue;
+      const Vector2f px(from_level0(site.px.x(), level), from_level0(site.px.y(), level));
+      if (!profile_inside(image, px, site.normal, kMatchHalf)) continue;
+      int16_t profile[kMaxProfile];
+      sample_profile(image, px, site.normal, kMatchHalf, profile);
+      learn(profile, kMatchHalf, &memory(site, level));
+    }
+  }
+}
+
+void ModelTracker::Impl::keep_view(const SE3& T) {
+  for (int i = 0; i < views_used_; ++i) {
+    const Vector3f turn = so3_log(T.R * views_[i].T.R.transpose());
+    const Vector3f shift = (T * parts.middle() - views_[i].T * parts.middle()) / (T * parts.middle()).z();
+    if (turn.norm() < 0.1f && shift.norm() < 0.1f) return;
+  }
+  View& kept = views_[next_view_];
+  next_view_ = (next_view_ + 1) % kViews;
+  views_used_ = std::min(views_used_ + 1, kViews);
+  kept.T = T;
+  const GreyImage& from = small_[frames_ & 1];
+  for (int y = 0; y < from.height; ++y) std::copy_n(from.row(y), from.width, kept.small.row(y));
+}
+
+// Turned and shifted about the given pose, coarsely searched; the best few are refined.
+ModelTracker::Impl::Hypothesis ModelTracker::Impl::start_search(const SE3& T_rough) {
+  constexpr float kTurn = 0.18f;
+  Hypothesis best;
+  constexpr int kKept = 5;
+  Hypothesis kept[kKept];
+  int count = 0;
+  for (int i = 0; i < 27; ++i) {
+    const Vector3f turn(static_cast<float>(i % 3 - 1), static_cast<float>(i / 3 % 3 - 1), static_cast<float>(i / 9 - 1));
+    const float length = turn.norm();
+    SE3 T = turned(T_rough, length > 0 ? Vector3f(turn * (kTurn / std::sqrt(length))) : turn, Vector3f::Zero());
+    for (int pass = 0; pass < 2; ++pass) {
+      const ServoingResult fitted = fit(T, coarsest_, kFirstRange, 8);
+      if (fitted.ok) T = fitted.T_co;
+    }
+    Hypothesis tried;
+    tried.T = T;
+    tried.quality = evidence(T, std::max(coarsest_ - 1, 0));
+    int place = count;
+    while (place > 0 && kept[place - 1].quality < tried.quality) --place;
+    if (place >= kKept) continue;
+    count = std::min(count + 1, kKept);
+    for (int k = count - 1; k > place; --k) kept[k] = kept[k - 1];
+    kept[place] = tried;
+  }
+  for (int i = 0; i < count; ++i) {
+    Hypothesis tried = refine(kept[i].T, coarsest_, kNextRange);
+    tried = refine(tried.T, std::max(coarsest_ - 1, 0), kNextRange);
+    if (tried.fit.ok && tried.quality > best.quality) best = tried;
+  }
+  return best;
+}
+
+ModelTracker::Impl::Hypothesis ModelTracker::Impl::restart() {
+  Hypothesis best;
+  const auto attempt = [&](const SE3& T) {
+    Hypothesis tried = refine(T, coarsest_, kFirstRange);
+    if (tried.fit.ok && tried.quality > best.quality) best = tried;
+  };
+  attempt(T_good_);
+  int nearest = -1;
+  int64_t least = INT64_MAX;
+  for (int i = 0; i < views_used_; ++i) {
+    const int64_t difference = small_image_zmssd(views_[i].small, small_[frames_ & 1]);
+    if (difference < least) {
+      least = difference;
+      nearest = i;
+    }
+  }
+  if (nearest >= 0) attempt(views_[nearest].T);
+  // One of the turned poses in each frame.
+  const int i = lost_frames_ % 27;
+  const Vector3f turn(static_cast<float>(i % 3 - 1), static_cast<float>(i / 3 % 3 - 1), static_cast<float>(i / 9 - 1));
+  attempt(turned(T_good_, 0.15f * turn, Vector3f::Zero()));
+  if (best.quality < kBelieved) best.fit.ok = false;
+  return best;
+}
+
+void ModelTracker::Impl::begin(const Frame& frame) {
+  const GreyView level0 = to_grey(frame, grey_);
+  pyramid_ = build_pyramid(level0, storage_);
+  ++frames_;
+  make_small_image(pyramid_, small_[frames_ & 1]);
+}
+
+void ModelTracker::Impl::predict() {
+  const RotationEstimate turn = rotation.estimate(small_[(frames_ - 1) & 1], small_[frames_ & 1],
+                                                  motion.expected_motion().R, motion.expected_shift());
+  motion.turn(&turn);
+}
+
+void ModelTracker::Impl::report(const Hypothesis& found, ModelResult* result) {
+  result->pose_valid = true;
+  result->T_co = found.T;
+  result->covariance = found.fit.covariance;
+  result->quality = found.quality;
+  result->sites_visible = sites_.size();
+  reported_.clear();
+  std::fill(supported_.begin(), supported_.end(), uint8_t{0});
+  float sum[kModelFeatures] = {};
+  int next = 0;
+  for (int i = 0; i < sites_.size(); ++i) {
+    const ContourSite& site = sites_[i];
+    ModelSite shown;
+    shown.contour = site.contour;
+    shown.px = site.px;
+    Vector2f px;
+    shown.model_px = site.px;
+    shown.kind = SiteKind::kRejectedLocally;
+    if (next < measurements_.size() && measurements_[next].site == i) {
+      const EdgeMeasurement& m = measurements_[next++];
+      const Vector2f& ray = m.ray[m.chosen];
+      if (config.camera.project(Vector3f(ray.x(), ray.y(), 1), &px)) shown.px = px;
+      const SiteMemory& kept = memory(site, 0);
+      const bool alike = kept.seen == 0 || m.similarity[m.chosen] > kAlike;
+      const bool near = m.weight > 0 && std::abs(m.distance_px) < kSupport_px;
+      if (near && alike) {
+        shown.kind = SiteKind::kInlier;
+        supported_[site.contour * kSiteBuckets + site.bucket] = 1;
+        const int feature = static_cast<int>(parts.feature(site.contour));
+        sum[feature] += m.distance_px * m.distance_px;
+        ++result->feature_inliers[feature];
+        ++result->sites_inliers;
+      } else if (alike) {
+        shown.kind = SiteKind::kRejectedRobustly;
+      }
+    }
+    reported_.push_back(shown);
+  }
+  float all = 0;
+  for (int f = 0; f < kModelFeatures; ++f) {
+    all += sum[f];
+    if (result->feature_inliers[f] > 0)
+      result->feature_error_px[f] = std::sqrt(sum[f] / static_cast<float>(result->feature_inliers[f]));
+  }
+  if (result->sites_inliers > 0) result->error_px = std::sqrt(all / static_cast<float>(result->sites_inliers));
+  result->sites = reported_;
+}
+
+ModelResult ModelTracker::Impl::track(const Frame& frame) {
+  ModelResult result;
+  result.timestamp_ns = frame.timestamp_ns;
+  result.status = validate_frame(frame);
+  if (!result.status.ok()) return result;
+  if (frame.width != config.camera.model.width || frame.height != config.camera.model.height) {
+    result.status = bad("the frame has another size than ModelTrackerConfig::camera");
+    return result;
+  }
+  if (frame.timestamp_ns <= last_timestamp_ns_) {
+    result.status = {StatusCode::kTimeWentBackwards, "the frame's timestamp is not later than the one before"};
+    return result;
+  }
+  const float dt_s = last_timestamp_ns_ == INT64_MIN
+                         ? 1.0f
+                         : std::clamp(static_cast<float>(frame.timestamp_ns - last_timestamp_ns_) * 1e-9f, 1e-3f, 1.0f);
+  last_timestamp_ns_ = frame.timestamp_ns;
+  begin(frame);
+  Hypothesis found;
+  use_memory_ = true;
+  if (starting_) {
+    starting_ = false;
+    velocity_.setZero();
+    std::fill(memory_.begin(), memory_.end(), SiteMemory{});
+    views_used_ = next_view_ = 0;
+    found = start_search(T_start_);
+    weak_ = 0;
+    if (found.fit.ok) {
+      motion.forget();
+      motion.start(found.T, Vector6f::Zero(), (found.T * parts.middle()).z());
+      state_ = ModelState::kTracking;
+      result.restarted = true;
+    } else {
+      T_good_ = T_start_;
+      state_ = ModelState::kLost;
+    }
+  } else if (state_ == ModelState::kTracking) {
+    motion.begin_frame(dt_s, true);
+    predict();
+    velocity_ = motion.prior().mean;
+    // Of the predictions the one that the picture agrees with most.
+    SE3 start = motion.T_predicted();
+    float most = evidence(start, coarsest_);
+    for (const SE3& other : {motion.expected_motion() * motion.T_cw(), motion.T_cw()}) {
+      const float agrees = evidence(other, coarsest_);
+      if (agrees > most) {
+        most = agrees;
+        start = other;
+      }
+    }
+    found = refine(start, coarsest_, kFirstRange);
+    if (!found.fit.ok || found.quality < kWeak) {
+      ++weak_;
+      if (weak_ >= kWeakFrames) {
+        state_ = ModelState::kLost;
+        lost_frames_ = 0;
+      }
+    } else {
+      weak_ = 0;
+    }
+    if (found.fit.ok) {
+      PoseUpdate pose;
+      pose.T_cw = found.T;
+      motion.believe(pose, dt_s, std::max((found.T * parts.middle()).z(), 0.1f * parts.extent()));
+    } else {
+      motion.miss();
+    }
+  } else if (state_ == ModelState::kLost) {
+    velocity_.setZero();
+    found = restart();
+    ++lost_frames_;
+    if (found.fit.ok) {
+      // The sites are those of the last attempt: once more at the pose.
+      found = refine(found.T, 0, kNextRange);
+      motion.forget();
+      motion.start(found.T, Vector6f::Zero(), (found.T * parts.middle()).z());
+      state_ = ModelState::kTracking;
+      weak_ = 0;
+      result.restarted = true;
+    }
+  }
+  result.state = state_;
+  if (state_ == ModelState::kTracking && found.fit.ok) {
+    if (result.restarted) found.fit = fit(found.T, 0, kNextRange, 10);
+    report(found, &result);
+    if (found.quality >= kWeak || result.restarted) {
+      learn_all(found.T);
+      if (found.quality >= kBelieved) {
+        T_good_ = found.T;
+        keep_view(found.T);
+      }
+    }
+  }
+  return result;
+}
+
+Status ObjectModel::validate() const {
+  constexpr float kLeast = 1e-6f, kMost = 1e6f;
+  if (points.size() > kMaxPoints) return bad("ObjectModel::points: at most 4096");
+  if (faces.size() > kMaxFaces) return bad("ObjectModel::faces: at most 2048");
+  if (cylinders.size() > kMaxCurved || circles.size() > kMaxCurved || spheres.size() > kMaxCurved)
+    return bad("ObjectModel: at most 1024 cylinders, circles and spheres each");
+  if (lines.empty() && faces.empty() && cylinders.empty() && circles.empty() && spheres.empty())
+    return bad("ObjectModel: nothing to track: no lines, faces, cylinders, circles or spheres");
+  for (const Vector3f& p : points)
+    if (!all_finite(p)) return bad("ObjectModel::points: coordinates must be within 1e6");
+  const int count = static_cast<int>(points.size());
+  const auto apart = [&](int a, int b) {
+    return a >= 0 && b >= 0 && a < count && b < count &&
+           (points[static_cast<size_t>(a)] - points[static_cast<size_t>(b)]).squaredNorm() > kLeast * kLeast;
+  };
+  const auto positive = [](float v) { return v >= kLeast && v <= kMost; };
+  const auto threshold = [](float v) { return v >= 0 && v <= kMost; };
+  size_t sides = lines.size();
+  for (const ModelLine& line : lines)
+    if (!apart(line.a, line.b) || !threshold(line.min_length_px))
+      return bad("ObjectModel::lines: two points at different places are needed");
+  for (const ModelFace& face : faces) {
+    if (face.count < 2 || face.first < 0 || face.count > static_cast<int>(corners.size()) ||
+        face.first > static_cast<int>(corners.size()) - face.count)
+      return bad("ObjectModel::faces: a face needs two or more corners that are in ObjectModel::corners");
+    sides += static_cast<size_t>(face.count);
+    if (sides > kMaxSides) return bad("ObjectModel: at most 4096 lines and sides of faces");
+    for (int i = 0; i < face.count; ++i) {
+      const int here = corners[static_cast<size_t>(face.first + i)];
+      const int next = corners[static_cast<size_t>(face.first + (i + 1) % face.count)];
+      if (!apart(here, next)) return bad("ObjectModel::faces: neighbouring corners must be points at different places");
+    }
+    if (!threshold(face.min_area_px2) || !threshold(face.min_length_px))
+      return bad("ObjectModel::faces: thresholds must be 0 to 1e6");
+  }
+  for (const ModelCylinder& cylinder : cylinders)
+    if (!apart(cylinder.a, cylinder.b) || !positive(cylinder.radius) || !threshold(cylinder.min_length_px))
+      return bad("ObjectModel::cylinders: two points at different places and a radius are needed");
+  for (const ModelCircle& circle : circles)
+    if (!all_finite(circle.centre) || !all_finite(circle.normal) || !positive(circle.radius) ||
+        !(circle.normal.squaredNorm() > 1e-20f))
+      return bad("ObjectModel::circles: a centre, a normal with a length and a radius are needed");
+  for (const ModelSphere& sphere : spheres)
+    if (!all_finite(sphere.centre) || !positive(sphere.radius))
+      return bad("ObjectModel::spheres: a centre and a radius are needed");
+  return {};
+}
+
+Status ModelTrackerConfig::validate() const {
+  const Status status = camera.model.validate();
+  if (!status.ok()) return status;
+  if (camera.model.width < 64 || camera.model.height < 64 || camera.model.width > 4096 || camera.model.height > 4096)
+    return bad("ModelTrackerConfig::camera: width and height must be within 64 to 4096 pixels");
+  if (!(camera.readout_s() <= 1))
+    return bad("ModelTrackerConfig::camera.shutter: the readout must be under 1 s; line_time_s is per line");
+  if (!(site_spacing_px >= 1 && site_spacing_px <= 100))
+    return bad("ModelTrackerConfig::site_spacing_px must be within 1 to 100");
+  if (max_sites < 50 || max_sites > 5000) return bad("ModelTrackerConfig::max_sites must be within 50 to 5000");
+  return model.validate();
+}
+
+size_t ModelTracker::required_bytes(const ModelTrackerConfig& config) {
+  if (!config.validate().ok()) return 0;
+  Arena arena;
+  arena.create<ModelTracker::Impl>(config);
+  arena.allocate(sizeof(ModelTracker));
+  return arena.used();
+}
+
+Status ModelTracker::create(const ModelTrackerConfig& config, std::span<std::byte> memory, ModelTracker** tracker) {
+  const Status status = config.validate();
+  if (!status.ok()) return status;
+  ModelTrackerConfig prepared = config;
+  prepared.camera.model.prepare();
+  Arena arena(memory);
+  Impl* impl = arena.create<Impl>(prepared);
+  void* place = arena.allocate(sizeof(ModelTracker));
+  if (arena.overflowed())
+    return {StatusCode::kOutOfMemory, "the block is smaller than ModelTracker::required_bytes(config)"};
+  *tracker = new (place) ModelTracker(impl);
+  return {};
+}
+
+Status ModelTracker::start(const SE3& T_co) {
+  const Matrix3f RtR = T_co.R * T_co.R.transpose();
+  if (!all_finite(T_co.t) || !((RtR - Matrix3f::Identity()).squaredNorm() < 1e-4f) || !(T_co.R.determinant() > 0))
+    return bad("start: the pose is not a rotation and a finite translation");
+  if (!((T_co * impl_->parts.middle()).z() > 0.1f * impl_->parts.extent()))
+    return bad("start: the object's middle is not in front of the camera: T_co takes object to camera");
+  impl_->T_start_ = T_co;
+  impl_->T_start_.R = orthonormalised(T_co.R);
+  impl_->starting_ = true;
+  return {};
+}
+
+void ModelTracker::reset() {
+  impl_->starting_ = false;
+  impl_->state_ = ModelState::kWaiting;
+}
+
+ModelResult ModelTracker::track(const Frame& frame) {
+  return impl_->track(frame);
+}
+
+const ModelTrackerConfig& ModelTracker::config() const {
+  return impl_->config;
+}
+
+}  // namespace pptam
