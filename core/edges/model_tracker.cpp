@@ -11,6 +11,7 @@
 #include "camera/small_image.h"
 #include "edges/edge_search.h"
 #include "edges/model_view.h"
+#include "edges/point_pose.h"
 #include "edges/servoing.h"
 #include "image/pyramid.h"
 
@@ -32,6 +33,7 @@ constexpr float kAlike = 0.6f;
 constexpr float kWeak = 0.30f, kBelieved = 0.50f;
 constexpr int kWeakFrames = 3;  // in a row: lost
 constexpr int kViews = 16;      // kept for a restart
+constexpr float kPointError_px = 20;  // of a start from points
 
 Status bad(const char* message) {
   return {StatusCode::kInvalidArgument, message};
@@ -350,13 +352,15 @@ void ModelTracker::Impl::report(const Hypothesis& found, ModelResult* result) {
   std::fill(supported_.begin(), supported_.end(), uint8_t{0});
   float sum[kModelFeatures] = {};
   int next = 0;
+  const SE3 since_search = found.T * view.T_co().inverse();
   for (int i = 0; i < sites_.size(); ++i) {
     const ContourSite& site = sites_[i];
     ModelSite shown;
     shown.contour = site.contour;
     shown.px = site.px;
     Vector2f px;
-    shown.model_px = site.px;
+    PredictedPoint seen;
+    shown.model_px = config.camera.project_rolling(since_search, velocity_, site.p_c, &seen) ? seen.px : site.px;
     shown.kind = SiteKind::kRejectedLocally;
     if (next < measurements_.size() && measurements_[next].site == i) {
       const EdgeMeasurement& m = measurements_[next++];
@@ -577,6 +581,19 @@ Status ModelTracker::start(const SE3& T_co) {
   impl_->T_start_.R = orthonormalised(T_co.R);
   impl_->starting_ = true;
   return {};
+}
+
+Status ModelTracker::start(std::span<const Vector3f> points_o, std::span<const Vector2f> px) {
+  if (points_o.size() < 4 || points_o.size() > 100 || points_o.size() != px.size())
+    return bad("start: 4 to 100 points and as many pixels are needed");
+  for (size_t i = 0; i < px.size(); ++i)
+    if (!all_finite(points_o[i]) || !all_finite(Vector3f(px[i].x(), px[i].y(), 0)))
+      return bad("start: coordinates must be within 1e6");
+  SE3 T_co;
+  if (!pose_from_points(impl_->config.camera, points_o, px, kPointError_px, &T_co))
+    return bad("start: no pose shows the points within 20 px of their pixels: are they in the same order, and three of "
+               "them not in a line?");
+  return start(T_co);
 }
 
 void ModelTracker::reset() {

@@ -76,6 +76,7 @@ class ModelView {
 
   // Finds the visible contours at T_co.
   void set_pose(const SE3& T_co);
+  const SE3& T_co() const { return T_co_; }
   // Fills sites of `level` along the visible contours, about spacing level pixels apart, at most sites->capacity() of
   // them, those of a contour one after the other. Left out: what is hidden, outside the image, and at coarse levels
   // contours too small to be seen there. velocity: of T_co, for the rolling shutter.
