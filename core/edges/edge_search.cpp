@@ -14,8 +14,11 @@ constexpr int kLeastContrast = 3;
 constexpr float kHalfContrast = 10;
 // Squared grey values of a profile's variance, below which its correlation is that of noise. Not swept.
 constexpr float kLeastVariance = 4;
-// Likelihood that an edge keeps which looks unlike the remembered one, ratio. Not swept.
-constexpr float kUnlike = 0.15f;
+// Likelihoods of an edge that looks unlike the remembered one, ratios: with its polarity, and with the other one. They
+// matter where nothing looks as it did, such as before a new background. Not swept.
+constexpr float kUnlike = 0.05f, kOpposite = 0.02f;
+// Correlation up to which a profile is unlike the remembered one: the best of a texture's edges reach it by chance.
+constexpr float kChance = 0.6f;
 
 constexpr int kFraction = 16;          // bits of fixed-point coordinates
 constexpr int kWeightShift = 12;       // to the 4 bits of bilinear weights
@@ -61,7 +64,8 @@ void sample_profile(const GreyView& image, const Vector2f& px, const Vector2f& n
 }
 
 // Sums of 11 products of values up to 12240: 1.65e9, within int32; of their variances times 11 within int64.
-float similarity(const int16_t* profile, int i, const SiteMemory& memory) {
+float likeness(const int16_t* profile, int i, const SiteMemory& memory) {
+  if (memory.seen == 0) return kUnknown;
   int sum_a = 0, sum_b = 0;
   int64_t aa = 0, bb = 0, ab = 0;
   for (int k = 0; k < kMatchSize; ++k) {
@@ -76,7 +80,8 @@ float similarity(const int16_t* profile, int i, const SiteMemory& memory) {
   const float var_b = static_cast<float>(bb * kMatchSize - static_cast<int64_t>(sum_b) * sum_b);
   constexpr float kLeast = kLeastVariance * kProfileUnits * kProfileUnits * kMatchSize * kMatchSize;
   if (var_a < kLeast || var_b < kLeast) return 0;
-  return static_cast<float>(ab * kMatchSize - static_cast<int64_t>(sum_a) * sum_b) / std::sqrt(var_a * var_b);
+  const float covariance = static_cast<float>(ab * kMatchSize - static_cast<int64_t>(sum_a) * sum_b);
+  return std::max(0.0f, (covariance / std::sqrt(var_a * var_b) - kChance) / (1 - kChance));
 }
 
 void learn(const int16_t* profile, int i, SiteMemory* memory) {
@@ -102,8 +107,9 @@ int find_edges(const int16_t* profile, int range, const SiteMemory* memory, Edge
       const float contrast = static_cast<float>(here) / kStepResponse;
       candidate.likelihood = contrast / (contrast + kHalfContrast);
       if (known) {
-        candidate.similarity = similarity(profile, i, *memory);
-        candidate.likelihood *= std::max(kUnlike, candidate.similarity);
+        candidate.likeness = likeness(profile, i, *memory);
+        const bool opposite = (convolution(profile, i) > 0) != (convolution(memory->profile, kMatchHalf) > 0);
+        candidate.likelihood *= std::max(opposite ? kOpposite : kUnlike, candidate.likeness);
       }
       int place = count;
       while (place > 0 && found[place - 1].likelihood < candidate.likelihood) --place;

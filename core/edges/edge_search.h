@@ -46,9 +46,11 @@ struct SiteMemory {
   uint8_t seen = 0;  // times, up to 255
 };
 
-// Zero-mean normalised correlation of a profile's part about index i with the remembered one, -1 to 1; 0 where either
-// shows nothing but noise.
-float similarity(const int16_t* profile, int i, const SiteMemory& memory);
+// How like the remembered profile the part about index i is: 0 to 1, linear in their zero-mean normalised correlation
+// above what the best of a texture's edges reaches by chance. Blind to brightness and contrast. 0 where either shows
+// nothing but noise; kUnknown without a memory.
+float likeness(const int16_t* profile, int i, const SiteMemory& memory);
+constexpr float kUnknown = 0.5f;
 // Blends the profile about index i into the memory: the newest has a quarter's weight.
 void learn(const int16_t* profile, int i, SiteMemory* memory);
 
@@ -56,7 +58,7 @@ constexpr int kMaxCandidates = 4;
 struct EdgeCandidate {
   float offset = 0;      // along the normal from the middle of the search, pixels of the image
   float likelihood = 0;  // zeta of [vvs eq. 24], 0 to 1
-  float similarity = 0;  // with the memory; 0 without one
+  float likeness = kUnknown;
 };
 
 // The most likely edges within range of a profile with half = range + kMatchHalf: extrema of the convolution, refined by

@@ -27,10 +27,14 @@ constexpr int kFirstRange = 8, kNextRange = 5;
 constexpr float kSigmaFloor = 0.3f;
 // Distance from its contour within which an edge speaks for the pose, level-0 pixels.
 constexpr float kSupport_px = 2.5f;
-// Correlation with the memory from which on a site looks as it should.
-constexpr float kAlike = 0.6f;
-// Quality under which a frame is weak, and above which a pose that was lost is believed.
-constexpr float kWeak = 0.30f, kBelieved = 0.50f;
+// Likeness from which on a site, with its neighbours, looks as it should.
+constexpr float kAlike = 0.3f;
+constexpr int kNeighbours = 2;     // sites on either side along a contour
+constexpr float kAlone = 0.1f;     // share of its likelihood that an edge keeps when its neighbours look unlike theirs
+// Quality under which a frame is weak, and above which a pose that was lost is believed, shares of what is usual.
+constexpr float kWeak = 0.30f, kBelieved = 0.60f;
+// Share of the usual quality under which a wider search is made.
+constexpr float kDoubted = 0.85f;
 constexpr int kWeakFrames = 3;  // in a row: lost
 constexpr int kViews = 16;      // kept for a restart
 constexpr float kPointError_px = 20;  // of a start from points
@@ -67,6 +71,9 @@ struct ModelTracker::Impl {
   ServoingResult fit(const SE3& T, int level, int range, int iterations);
   float evidence(const SE3& T, int level);
   float support() const;
+  void weigh_by_neighbours();
+  Hypothesis track_on();
+  void refit(Hypothesis* hypothesis);
   void learn_all(const SE3& T);
   void keep_view(const SE3& T);
   Hypothesis start_search(const SE3& T);
@@ -88,6 +95,7 @@ struct ModelTracker::Impl {
   GreyImage small_[2];
   FixedVector<ContourSite> sites_;
   FixedVector<EdgeMeasurement> measurements_;
+  FixedVector<float> best_likeness_;  // by site
   FixedVector<SiteMemory> memory_;
   FixedVector<uint8_t> supported_;  // by contour and bucket, in the last search of level 0
   FixedVector<ModelSite> reported_;
@@ -102,6 +110,7 @@ struct ModelTracker::Impl {
   bool starting_ = false;
   SE3 T_start_;
   int frames_ = 0;  // since small images are there
+  float usual_ = 0;  // quality of good frames
   int weak_ = 0;
   int lost_frames_ = 0;
   SE3 T_good_;  // last good pose
@@ -116,6 +125,7 @@ ModelTracker::Impl::Impl(Arena& arena, const ModelTrackerConfig& configuration)
       rotation(arena, config.camera),
       sites_(arena, config.max_sites),
       measurements_(arena, config.max_sites),
+      best_likeness_(arena, config.max_sites),
       memory_(arena, (kCoarsest + 1) * parts.contours_at_most() * kSiteBuckets),
       supported_(arena, parts.contours_at_most() * kSiteBuckets),
       reported_(arena, config.max_sites),
@@ -178,15 +188,40 @@ ServoingResult ModelTracker::Impl::fit(const SE3& T, int level, int range, int i
       if (config.camera.shutter.line_time_s != 0) at = config.camera.global_shutter_px(velocity_, site.p_c, at);
       m.ray[k] = config.camera.unproject(at);
       m.likelihood[k] = found[k].likelihood;
-      m.similarity[k] = found[k].similarity;
+      m.likeness[k] = found[k].likeness;
     }
     measurements_.push_back(m);
   }
+  if (use_memory_) weigh_by_neighbours();
   ServoingOptions options;
   options.iterations = iterations;
   options.range_px = static_cast<float>(range) * unit;
   options.sigma_floor_px = kSigmaFloor * unit;
   return servoing.run(T, options, &measurements_);
+}
+
+// What hides an object hides neighbouring sites; what looks alike there by chance stands alone.
+void ModelTracker::Impl::weigh_by_neighbours() {
+  best_likeness_.clear();
+  for (int i = 0, next = 0; i < sites_.size(); ++i) {
+    float best = 0;
+    if (next < measurements_.size() && measurements_[next].site == i) {
+      const EdgeMeasurement& m = measurements_[next++];
+      for (int k = 0; k < m.candidates; ++k) best = std::max(best, m.likeness[k]);
+    }
+    best_likeness_.push_back(best);
+  }
+  for (EdgeMeasurement& m : measurements_) {
+    float sum = 0;
+    int count = 0;
+    for (int i = std::max(0, m.site - kNeighbours); i <= std::min(sites_.size() - 1, m.site + kNeighbours); ++i) {
+      if (sites_[i].contour != m.contour) continue;
+      sum += best_likeness_[i];
+      ++count;
+    }
+    m.coherence = sum / static_cast<float>(count);
+    for (int k = 0; k < m.candidates; ++k) m.likelihood[k] *= std::max(kAlone, m.coherence);
+  }
 }
 
 // From coarse to fine.
@@ -208,9 +243,7 @@ float ModelTracker::Impl::support() const {
   float sum = 0;
   for (const EdgeMeasurement& m : measurements_) {
     if (!(std::abs(m.distance_px) < kSupport_px)) continue;
-    const ContourSite& site = sites_[m.site];
-    const SiteMemory& kept = memory_[site.contour * kSiteBuckets + site.bucket];
-    sum += use_memory_ && kept.seen > 0 ? std::max(0.0f, m.similarity[m.chosen]) : m.likelihood[m.chosen];
+    sum += m.likeness[m.chosen];
   }
   return sum / static_cast<float>(sites_.size());
 }
@@ -231,7 +264,7 @@ float ModelTracker::Impl::evidence(const SE3& T, int level) {
     const SiteMemory& kept = memory(site, level);
     if (use_memory_ && kept.seen > 0) {
       float best = 0;
-      for (int i = kMatchHalf; i <= kMatchHalf + 2; ++i) best = std::max(best, similarity(profile, i, kept));
+      for (int i = kMatchHalf; i <= kMatchHalf + 2; ++i) best = std::max(best, likeness(profile, i, kept));
       sum += best;
     } else {
       EdgeCandidate found[kMaxCandidates];
@@ -325,7 +358,7 @@ ModelTracker::Impl::Hypothesis ModelTracker::Impl::restart() {
   const int i = lost_frames_ % 27;
   const Vector3f turn(static_cast<float>(i % 3 - 1), static_cast<float>(i / 3 % 3 - 1), static_cast<float>(i / 9 - 1));
   attempt(turned(T_good_, 0.15f * turn, Vector3f::Zero()));
-  if (best.quality < kBelieved) best.fit.ok = false;
+  if (best.quality < kBelieved * usual_) best.fit.ok = false;
   return best;
 }
 
@@ -340,6 +373,40 @@ void ModelTracker::Impl::predict() {
   const RotationEstimate turn = rotation.estimate(small_[(frames_ - 1) & 1], small_[frames_ & 1],
                                                   motion.expected_motion().R, motion.expected_shift());
   motion.turn(&turn);
+}
+
+// From the predictions: near them first, and farther only where that leaves doubt. A wide search finds more of what is
+// not the object.
+ModelTracker::Impl::Hypothesis ModelTracker::Impl::track_on() {
+  const SE3 starts[3] = {motion.T_predicted(), motion.expected_motion() * motion.T_cw(), motion.T_cw()};
+  const int level = std::min(1, coarsest_);
+  int first = 0;
+  float most = -1;
+  for (int i = 0; i < 3; ++i) {
+    const float agrees = evidence(starts[i], level);
+    if (agrees > most) {
+      most = agrees;
+      first = i;
+    }
+  }
+  Hypothesis best = refine(starts[first], level, kNextRange);
+  if (best.quality > kDoubted * usual_) return best;
+  const auto attempt = [&](const SE3& T) {
+    const Hypothesis tried = refine(T, coarsest_, kFirstRange);
+    if (tried.fit.ok && tried.quality > best.quality) best = tried;
+  };
+  for (int i = 0; i < 3 && best.quality <= kDoubted * usual_; ++i) attempt(starts[i]);
+  refit(&best);
+  return best;
+}
+
+// Sites and measurements are those of the last attempt: makes them those of this hypothesis.
+void ModelTracker::Impl::refit(Hypothesis* hypothesis) {
+  if (!hypothesis->fit.ok) return;
+  hypothesis->fit = fit(hypothesis->T, 0, kNextRange, 10);
+  if (!hypothesis->fit.ok) return;
+  hypothesis->T = hypothesis->fit.T_co;
+  hypothesis->quality = support();
 }
 
 void ModelTracker::Impl::report(const Hypothesis& found, ModelResult* result) {
@@ -366,8 +433,7 @@ void ModelTracker::Impl::report(const Hypothesis& found, ModelResult* result) {
       const EdgeMeasurement& m = measurements_[next++];
       const Vector2f& ray = m.ray[m.chosen];
       if (config.camera.project(Vector3f(ray.x(), ray.y(), 1), &px)) shown.px = px;
-      const SiteMemory& kept = memory(site, 0);
-      const bool alike = kept.seen == 0 || m.similarity[m.chosen] > kAlike;
+      const bool alike = m.likeness[m.chosen] > kAlike && m.coherence > kAlike;
       const bool near = m.weight > 0 && std::abs(m.distance_px) < kSupport_px;
       if (near && alike) {
         shown.kind = SiteKind::kInlier;
@@ -417,6 +483,7 @@ ModelResult ModelTracker::Impl::track(const Frame& frame) {
     velocity_.setZero();
     std::fill(memory_.begin(), memory_.end(), SiteMemory{});
     views_used_ = next_view_ = 0;
+    usual_ = 0;
     found = start_search(T_start_);
     weak_ = 0;
     if (found.fit.ok) {
@@ -432,18 +499,8 @@ ModelResult ModelTracker::Impl::track(const Frame& frame) {
     motion.begin_frame(dt_s, true);
     predict();
     velocity_ = motion.prior().mean;
-    // Of the predictions the one that the picture agrees with most.
-    SE3 start = motion.T_predicted();
-    float most = evidence(start, coarsest_);
-    for (const SE3& other : {motion.expected_motion() * motion.T_cw(), motion.T_cw()}) {
-      const float agrees = evidence(other, coarsest_);
-      if (agrees > most) {
-        most = agrees;
-        start = other;
-      }
-    }
-    found = refine(start, coarsest_, kFirstRange);
-    if (!found.fit.ok || found.quality < kWeak) {
+    found = track_on();
+    if (!found.fit.ok || found.quality < kWeak * usual_) {
       ++weak_;
       if (weak_ >= kWeakFrames) {
         state_ = ModelState::kLost;
@@ -464,8 +521,6 @@ ModelResult ModelTracker::Impl::track(const Frame& frame) {
     found = restart();
     ++lost_frames_;
     if (found.fit.ok) {
-      // The sites are those of the last attempt: once more at the pose.
-      found = refine(found.T, 0, kNextRange);
       motion.forget();
       motion.start(found.T, Vector6f::Zero(), (found.T * parts.middle()).z());
       state_ = ModelState::kTracking;
@@ -475,14 +530,14 @@ ModelResult ModelTracker::Impl::track(const Frame& frame) {
   }
   result.state = state_;
   if (state_ == ModelState::kTracking && found.fit.ok) {
-    if (result.restarted) found.fit = fit(found.T, 0, kNextRange, 10);
+    if (result.restarted) refit(&found);
     report(found, &result);
-    if (found.quality >= kWeak || result.restarted) {
-      learn_all(found.T);
-      if (found.quality >= kBelieved) {
-        T_good_ = found.T;
-        keep_view(found.T);
-      }
+    if (found.quality >= kWeak * usual_) learn_all(found.T);
+    // Rises fast and falls slowly: what hides the object is not usual.
+    usual_ += (found.quality > usual_ ? 0.3f : 0.01f) * (found.quality - usual_);
+    if (found.quality >= kBelieved * usual_) {
+      T_good_ = found.T;
+      keep_view(found.T);
     }
   }
   return result;

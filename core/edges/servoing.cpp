@@ -16,6 +16,7 @@ constexpr float kMinPivot = 1e-6f;
 // A step that moves the object's outline less than this, pixels, is the last.
 constexpr float kConverged_px = 0.01f;
 constexpr int kFewest = 6;  // measurements
+constexpr float kLikely = 0.2f;    // likelihood of an edge that takes part in the scale. Not swept
 constexpr float kMaxTurn = 0.35f;  // radians in one step
 // How much more a site's distance counts than its likelihood when it chooses among its edges: at first the likely, in
 // the end the near. Not swept.
@@ -70,10 +71,19 @@ ServoingResult Servoing::run(const SE3& T_start, const ServoingOptions& options,
     const float nearness = (kNearnessFirst + (kNearnessLast - kNearnessFirst) * progress) /
                            (options.range_px * options.range_px);
     measure(T, nearness, measurements);
-    squared_.clear();
-    for (const EdgeMeasurement& m : *measurements)
-      if (m.distance_px < INFINITY) squared_.push_back(m.distance_px * m.distance_px);
-    if (squared_.size() < kFewest) return result;
+    // The scale is that of likely edges; of all, where these are few.
+    int seen = 0;
+    for (const float least : {kLikely, 0.0f}) {
+      squared_.clear();
+      seen = 0;
+      for (const EdgeMeasurement& m : *measurements) {
+        if (!(m.distance_px < INFINITY)) continue;
+        ++seen;
+        if (m.likelihood[m.chosen] >= least) squared_.push_back(m.distance_px * m.distance_px);
+      }
+      if (squared_.size() >= std::max(kFewest, seen / 5)) break;
+    }
+    if (seen < kFewest) return result;
     result.sigma_px = std::max(robust_sigma_1d(squared_), options.sigma_floor_px);
     const Tukey tukey(result.sigma_px, kTukeyCutoff1d);
 

@@ -41,6 +41,8 @@ struct Sequence {
   std::vector<GreyPixels> images;
   std::vector<SE3> truth;  // empty: unknown
   SE3 T_start;
+  std::vector<Vector3f> start_points;  // or points, and where they are seen
+  std::vector<Vector2f> start_px;
   bool dots = false;  // mire-2: judged by the dots' centroids
 };
 
@@ -102,7 +104,7 @@ std::optional<Sequence> open_sequence(const std::string& name, const fs::path& s
     return s;
   }
   if (name == "castel") {
-    s.camera = camera_of(640, 480, 700, 700, 319.5f, 239.5f);
+    s.camera = camera_of(640, 480, 615.167f, 615.168f, 312.189f, 243.437f);
     s.model = read_model(kVisp / "mbt-depth/castel/chateau.cao");
     load_images(&s, kVisp / "mbt-depth/castel/castel", "image_%04d.pgm", 0, 1000);
     s.T_start = read_object_pose(kVisp / "mbt-depth/castel/chateau.0.pos");
@@ -115,9 +117,8 @@ std::optional<Sequence> open_sequence(const std::string& name, const fs::path& s
       for (const float y : {-0.06f, 0.06f}) s.model.circles.push_back({Vector3f(x, y, 0), -Vector3f::UnitZ(), 0.0089f});
     s.model.circles.push_back({Vector3f::Zero(), -Vector3f::UnitZ(), 0.03165f});
     load_images(&s, kVisp / "mire-2", "image.%04d.pgm", 1, 1000);
-    const Vector3f x(122 - 49, 10 - 16, 0);
-    s.T_start.R = orthonormalised((Matrix3f() << 0.99f, 0.09f, 0, -0.09f, 0.99f, 0, 0, 0, 1).finished());
-    s.T_start.t = Vector3f((160 - 192) / 600.0f * 0.55f, (213 - 144) / 600.0f * 0.55f, 0.55f);
+    s.start_points = {{-0.07f, -0.06f, 0}, {0.07f, -0.06f, 0}, {0.07f, 0.06f, 0}, {-0.07f, 0.06f, 0}};
+    s.start_px = {{85.7f, 178.4f}, {215.7f, 167.3f}, {243.0f, 247.9f}, {93.7f, 265.6f}};
     return s;
   }
   throw InputError("no sequence " + name);
@@ -142,6 +143,41 @@ double corner_error(const Sequence& sequence, const SE3& T, const SE3& truth) {
 
 double turn_degrees(const SE3& T, const SE3& truth) {
   return static_cast<double>(so3_log(T.R * truth.R.transpose()).norm()) * 180 / 3.14159265358979;
+}
+
+// Mean distance of the four dots' grey-level centroids from their projected centres.
+double dot_error(const Sequence& sequence, const SE3& T, const GreyPixels& image) {
+  double sum = 0;
+  int count = 0;
+  for (size_t k = 0; k < 4; ++k) {
+    const ModelCircle& circle = sequence.model.circles[k];
+    Vector2f at;
+    const Vector3f c = T * circle.centre;
+    if (!sequence.camera.project(c, &at)) return 1e3;
+    const int reach = static_cast<int>(1.4f * sequence.camera.model.fx * circle.radius / c.z()) + 1;
+    const int cx = static_cast<int>(std::lround(at.x())), cy = static_cast<int>(std::lround(at.y()));
+    if (cx < reach || cy < reach || cx + reach >= image.width || cy + reach >= image.height) continue;
+    double weight = 0, x = 0, y = 0, least = 255, most = 0;
+    const auto grey = [&](int u, int v) {
+      return static_cast<double>(image.px[static_cast<size_t>(v) * static_cast<size_t>(image.width) + static_cast<size_t>(u)]);
+    };
+    for (int v = cy - reach; v <= cy + reach; ++v)
+      for (int u = cx - reach; u <= cx + reach; ++u) {
+        least = std::min(least, grey(u, v));
+        most = std::max(most, grey(u, v));
+      }
+    for (int v = cy - reach; v <= cy + reach; ++v)
+      for (int u = cx - reach; u <= cx + reach; ++u) {
+        const double w = std::max(0.0, grey(u, v) - 0.5 * (least + most));
+        weight += w;
+        x += w * u;
+        y += w * v;
+      }
+    if (weight <= 0) continue;
+    sum += std::hypot(x / weight - static_cast<double>(at.x()), y / weight - static_cast<double>(at.y()));
+    ++count;
+  }
+  return count ? sum / count : 0;
 }
 
 struct Box {
@@ -281,7 +317,8 @@ struct Outcome {
 Outcome run(const Sequence& sequence, const Recipe& recipe, const std::vector<SE3>& truth, bool verbose) {
   Outcome outcome;
   Tracker tracker(sequence);
-  const Status status = tracker->start(sequence.T_start);
+  const Status status = sequence.start_px.empty() ? tracker->start(sequence.T_start)
+                                                  : tracker->start(sequence.start_points, sequence.start_px);
   if (!status.ok()) throw InputError(status.message());
   double last_error = 0;
   int off = 0;
@@ -293,13 +330,14 @@ Outcome run(const Sequence& sequence, const Recipe& recipe, const std::vector<SE
     ++outcome.frames;
     outcome.poses.push_back(r.pose_valid ? std::optional(r.T_co) : std::nullopt);
     double error = 0;
-    if (r.pose_valid && !truth.empty()) {
-      error = corner_error(sequence, r.T_co, truth[i]);
+    if (r.pose_valid && (!truth.empty() || sequence.dots)) {
+      error = sequence.dots && !recipe.spoil ? dot_error(sequence, r.T_co, image)
+                                             : corner_error(sequence, r.T_co, truth[i]);
       outcome.kept += error < 10;
       outcome.mean += error;
       ++measured;
       outcome.worst = std::max(outcome.worst, error);
-      outcome.degrees += turn_degrees(r.T_co, truth[i]);
+      if (!truth.empty()) outcome.degrees += turn_degrees(r.T_co, truth[i]);
       off = error > 20 ? off + 1 : 0;
       if (off == 5) ++outcome.losses;
     } else if (!r.pose_valid) {
