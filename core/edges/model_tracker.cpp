@@ -29,12 +29,19 @@ constexpr float kSigmaFloor = 0.3f;
 constexpr float kSupport_px = 2.5f;
 // Likeness from which on a site, with its neighbours, looks as it should.
 constexpr float kAlike = 0.3f;
+constexpr float kSuddenly = 0.9f;  // share of the usual sites that a pose must show
 constexpr int kNeighbours = 2;     // sites on either side along a contour
 constexpr float kAlone = 0.1f;     // share of its likelihood that an edge keeps when its neighbours look unlike theirs
 // Quality under which a frame is weak, and above which a pose that was lost is believed, shares of what is usual.
 constexpr float kWeak = 0.30f, kBelieved = 0.60f;
-// Share of the usual quality under which a wider search is made.
-constexpr float kDoubted = 0.85f;
+// Share of the usual quality under which a wider search is made, and nothing is learnt.
+constexpr float kDoubted = 0.85f, kLearning = 0.65f;
+// By how much a wider search's quality must be better, ratio.
+constexpr float kBetter = 1.1f;
+// 1-sigma of the prior on a pose: none, radians and shares of the distance; near a prediction that many times the rms
+// error of the last predictions, at least that many pixels in the image. Not swept.
+constexpr float kFree = 0.5f, kPriorErrors = 3, kPriorLeast_px = 5;
+constexpr float kErrorBlend = 0.1f;  // share of the newest error in the mean square
 constexpr int kWeakFrames = 3;  // in a row: lost
 constexpr int kViews = 16;      // kept for a restart
 constexpr float kPointError_px = 20;  // of a start from points
@@ -74,6 +81,9 @@ struct ModelTracker::Impl {
   void weigh_by_neighbours();
   Hypothesis track_on();
   void refit(Hypothesis* hypothesis);
+  void free_prior(const SE3& T);
+  void set_prior(const SE3& T);
+  void note_error(const SE3& T_predicted, const SE3& T);
   void learn_all(const SE3& T);
   void keep_view(const SE3& T);
   Hypothesis start_search(const SE3& T);
@@ -105,6 +115,11 @@ struct ModelTracker::Impl {
   Pyramid pyramid_;
   int coarsest_ = 0;
   bool use_memory_ = true;
+  // Of the pose in this frame, and what the predictions of the last frames were off by: mean squares by component.
+  SE3 T_prior_;
+  float prior_turn_ = kFree, prior_shift_ = kFree;
+  float turn_error_sq_ = 0, shift_error_sq_ = 0;
+  float usual_sites_ = 0;  // visible in good frames
   Vector6f velocity_ = Vector6f::Zero();  // of T_co, for the rolling shutter
   ModelState state_ = ModelState::kWaiting;
   bool starting_ = false;
@@ -112,6 +127,7 @@ struct ModelTracker::Impl {
   int frames_ = 0;  // since small images are there
   float usual_ = 0;  // quality of good frames
   int weak_ = 0;
+  int sites_visible_ = 0;  // in the last reported frame
   int lost_frames_ = 0;
   SE3 T_good_;  // last good pose
   int64_t last_timestamp_ns_ = INT64_MIN, last_pose_ns_ = 0;
@@ -197,6 +213,9 @@ ServoingResult ModelTracker::Impl::fit(const SE3& T, int level, int range, int i
   options.iterations = iterations;
   options.range_px = static_cast<float>(range) * unit;
   options.sigma_floor_px = kSigmaFloor * unit;
+  options.T_prior = T_prior_;
+  options.prior_turn = prior_turn_;
+  options.prior_shift = prior_shift_;
   return servoing.run(T, options, &measurements_);
 }
 
@@ -245,7 +264,8 @@ float ModelTracker::Impl::support() const {
     if (!(std::abs(m.distance_px) < kSupport_px)) continue;
     sum += m.likeness[m.chosen];
   }
-  return sum / static_cast<float>(sites_.size());
+  // What has turned away suddenly counts as if it were hidden.
+  return sum / std::max(static_cast<float>(sites_.size()), kSuddenly * usual_sites_);
 }
 
 // How well the picture agrees with a pose, without a search beyond a pixel of the level: 0 to 1.
@@ -389,15 +409,48 @@ ModelTracker::Impl::Hypothesis ModelTracker::Impl::track_on() {
       first = i;
     }
   }
+  set_prior(starts[first]);
+  bool wide = false;
   Hypothesis best = refine(starts[first], level, kNextRange);
-  if (best.quality > kDoubted * usual_) return best;
+  const SE3 T_predicted = starts[first];
+  if (best.quality > kDoubted * usual_) {
+    note_error(T_predicted, best.T);
+    return best;
+  }
+  free_prior(T_predicted);
   const auto attempt = [&](const SE3& T) {
     const Hypothesis tried = refine(T, coarsest_, kFirstRange);
-    if (tried.fit.ok && tried.quality > best.quality) best = tried;
+    if (!tried.fit.ok || !(tried.quality > kBetter * best.quality)) return;
+    best = tried;
+    wide = true;
   };
   for (int i = 0; i < 3 && best.quality <= kDoubted * usual_; ++i) attempt(starts[i]);
+  if (!wide) set_prior(T_predicted);
   refit(&best);
+  if (best.quality > kDoubted * usual_) note_error(T_predicted, best.T);
   return best;
+}
+
+void ModelTracker::Impl::free_prior(const SE3& T) {
+  T_prior_ = T;
+  prior_turn_ = prior_shift_ = kFree;
+}
+
+void ModelTracker::Impl::set_prior(const SE3& T) {
+  const float focal = 0.5f * (config.camera.model.fx + config.camera.model.fy);
+  const float depth = std::max((T * parts.middle()).z(), 0.1f * parts.extent());
+  T_prior_ = T;
+  prior_turn_ = std::min(kFree, std::max(kPriorErrors * std::sqrt(turn_error_sq_),
+                                         kPriorLeast_px * depth / (focal * parts.extent())));
+  prior_shift_ = std::min(kFree, std::max(kPriorErrors * std::sqrt(shift_error_sq_), kPriorLeast_px / focal));
+}
+
+void ModelTracker::Impl::note_error(const SE3& T_predicted, const SE3& T) {
+  const float depth = std::max((T * parts.middle()).z(), 0.1f * parts.extent());
+  const float turn_sq = so3_log(T.R * T_predicted.R.transpose()).squaredNorm() / 3;
+  const float shift_sq = (T * parts.middle() - T_predicted * parts.middle()).squaredNorm() / (3 * depth * depth);
+  turn_error_sq_ += kErrorBlend * (turn_sq - turn_error_sq_);
+  shift_error_sq_ += kErrorBlend * (shift_sq - shift_error_sq_);
 }
 
 // Sites and measurements are those of the last attempt: makes them those of this hypothesis.
@@ -414,7 +467,7 @@ void ModelTracker::Impl::report(const Hypothesis& found, ModelResult* result) {
   result->T_co = found.T;
   result->covariance = found.fit.covariance;
   result->quality = found.quality;
-  result->sites_visible = sites_.size();
+  result->sites_visible = sites_visible_ = sites_.size();
   reported_.clear();
   std::fill(supported_.begin(), supported_.end(), uint8_t{0});
   float sum[kModelFeatures] = {};
@@ -483,7 +536,9 @@ ModelResult ModelTracker::Impl::track(const Frame& frame) {
     velocity_.setZero();
     std::fill(memory_.begin(), memory_.end(), SiteMemory{});
     views_used_ = next_view_ = 0;
-    usual_ = 0;
+    usual_ = usual_sites_ = 0;
+    turn_error_sq_ = shift_error_sq_ = 0;
+    free_prior(T_start_);
     found = start_search(T_start_);
     weak_ = 0;
     if (found.fit.ok) {
@@ -518,6 +573,7 @@ ModelResult ModelTracker::Impl::track(const Frame& frame) {
     }
   } else if (state_ == ModelState::kLost) {
     velocity_.setZero();
+    free_prior(T_good_);
     found = restart();
     ++lost_frames_;
     if (found.fit.ok) {
@@ -532,9 +588,11 @@ ModelResult ModelTracker::Impl::track(const Frame& frame) {
   if (state_ == ModelState::kTracking && found.fit.ok) {
     if (result.restarted) refit(&found);
     report(found, &result);
-    if (found.quality >= kWeak * usual_) learn_all(found.T);
-    // Rises fast and falls slowly: what hides the object is not usual.
+    if (found.quality >= kLearning * usual_) learn_all(found.T);
+    // They rise fast and fall slowly: what hides the object is not usual.
+    const float visible = static_cast<float>(sites_visible_);
     usual_ += (found.quality > usual_ ? 0.3f : 0.01f) * (found.quality - usual_);
+    usual_sites_ += (visible > usual_sites_ ? 0.3f : 0.01f) * (visible - usual_sites_);
     if (found.quality >= kBelieved * usual_) {
       T_good_ = found.T;
       keep_view(found.T);

@@ -9,9 +9,6 @@ namespace pptam {
 
 namespace {
 
-// 1-sigma of a prior that holds what edges do not tell: turn about the object's middle, radians, and shift of the
-// middle in its distances. Ten sites measure either a thousand times better. Not swept.
-constexpr float kPriorTurn = 0.5f, kPriorShift = 0.5f;
 constexpr float kMinPivot = 1e-6f;
 // A step that moves the object's outline less than this, pixels, is the last.
 constexpr float kConverged_px = 0.01f;
@@ -117,9 +114,15 @@ ServoingResult Servoing::run(const SE3& T_start, const ServoingOptions& options,
       equations_.add(row, m.distance_px / result.sigma_px, w * w);
     }
     if (result.inliers < kFewest) return result;
+    const Vector3f shift_back = (options.T_prior * parts_.middle() - c) / depth;
+    const Vector3f turn_back = so3_log(options.T_prior.R * T.R.transpose());
     for (int i = 0; i < 3; ++i) {
-      equations_.A(i, i) += 1 / (kPriorShift * kPriorShift);
-      equations_.A(i + 3, i + 3) += 1 / (kPriorTurn * kPriorTurn);
+      const float on_shift = 1 / (options.prior_shift * options.prior_shift);
+      const float on_turn = 1 / (options.prior_turn * options.prior_turn);
+      equations_.A(i, i) += on_shift;
+      equations_.b(i) += on_shift * shift_back(i);
+      equations_.A(i + 3, i + 3) += on_turn;
+      equations_.b(i + 3) += on_turn * turn_back(i);
     }
     float x[6];
     if (!equations_.solve(kMinPivot, x)) return result;

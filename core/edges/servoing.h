@@ -34,6 +34,10 @@ struct ServoingOptions {
   int iterations = 8;
   float range_px = 8;      // of the search, level-0 pixels
   float sigma_floor_px = 0.3f;  // least scale of the robust weights, level-0 pixels
+  // A prior that holds what edges do not tell: 1-sigma of a turn about the object's middle, radians, and of a shift of the
+  // middle, in its distances, about T_prior.
+  SE3 T_prior;
+  float prior_turn = 0.5f, prior_shift = 0.5f;
 };
 
 struct ServoingResult {
@@ -48,7 +52,7 @@ class Servoing {
  public:
   Servoing(Arena& arena, const ModelView& view, const ModelParts& parts, const Camera& camera, int max_sites);
 
-  // From T_start. Motions that the edges do not tell stay what they are in T_start.
+  // From T_start.
   ServoingResult run(const SE3& T_start, const ServoingOptions& options, FixedVector<EdgeMeasurement>* measurements);
 
  private:
