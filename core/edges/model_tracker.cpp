@@ -25,8 +25,11 @@ constexpr int kCoarsest = 2, kFewestPixels = 100;
 constexpr int kFirstRange = 8, kNextRange = 5;
 // Least scale of the robust weights, pixels of the level.
 constexpr float kSigmaFloor = 0.3f;
-// Distance from its contour within which an edge speaks for the pose, level-0 pixels.
-constexpr float kSupport_px = 2.5f;
+// Distance from its contour within which an edge speaks for the pose, level-0 pixels, and pixels of the finest level.
+constexpr float kSupport_px = 2.5f, kSupportOfLevel_px = 1.25f;
+// The contrast of a level's edges, as a share of that of the next coarser one, under which the level shows only their
+// blur. A sharp edge has the same in all, one blurred over 15 pixels a third in level 0. Not swept.
+constexpr float kSharp = 0.6f;
 // Likeness from which on a site, with its neighbours, looks as it should.
 constexpr float kAlike = 0.3f;
 constexpr float kSuddenly = 0.9f;  // share of the usual sites that a pose must show
@@ -78,13 +81,14 @@ struct ModelTracker::Impl {
   ServoingResult fit(const SE3& T, int level, int range, int iterations);
   float evidence(const SE3& T, int level);
   float support() const;
+  float support_px() const { return std::max(kSupport_px, kSupportOfLevel_px * static_cast<float>(1 << finest_)); }
   void weigh_by_neighbours();
   Hypothesis track_on();
   void refit(Hypothesis* hypothesis);
   void free_prior(const SE3& T);
   void set_prior(const SE3& T);
   void note_error(const SE3& T_predicted, const SE3& T);
-  void learn_all(const SE3& T);
+  void look(const SE3& T, bool may_learn);
   void keep_view(const SE3& T);
   Hypothesis start_search(const SE3& T);
   Hypothesis restart();
@@ -113,7 +117,8 @@ struct ModelTracker::Impl {
   int views_used_ = 0, next_view_ = 0;
 
   Pyramid pyramid_;
-  int coarsest_ = 0;
+  int coarsest_ = 0;  // level of the pyramid that is searched
+  int finest_ = 0;    // the same: coarser where the image is blurred
   bool use_memory_ = true;
   // Of the pose in this frame, and what the predictions of the last frames were off by: mean squares by component.
   SE3 T_prior_;
@@ -247,7 +252,7 @@ void ModelTracker::Impl::weigh_by_neighbours() {
 ModelTracker::Impl::Hypothesis ModelTracker::Impl::refine(SE3 T, int from_level, int range) {
   Hypothesis found;
   found.T = T;
-  for (int level = from_level; level >= 0; --level) {
+  for (int level = std::max(from_level, finest_); level >= finest_; --level) {
     const ServoingResult fitted = fit(found.T, level, level == from_level ? range : kNextRange, 10);
     if (fitted.ok) found.T = fitted.T_co;
     found.fit = fitted;
@@ -261,7 +266,7 @@ float ModelTracker::Impl::support() const {
   if (sites_.size() == 0) return 0;
   float sum = 0;
   for (const EdgeMeasurement& m : measurements_) {
-    if (!(std::abs(m.distance_px) < kSupport_px)) continue;
+    if (!(std::abs(m.distance_px) < support_px())) continue;
     sum += m.likeness[m.chosen];
   }
   // What has turned away suddenly counts as if it were hidden.
@@ -294,20 +299,28 @@ float ModelTracker::Impl::evidence(const SE3& T, int level) {
   return sum / static_cast<float>(sites_.size());
 }
 
-void ModelTracker::Impl::learn_all(const SE3& T) {
+// Looks at every level's sites at the pose found: how sharp the image is, and, where it may learn, what they show.
+void ModelTracker::Impl::look(const SE3& T, bool may_learn) {
   view.set_pose(T);
+  float contrast[kCoarsest + 1] = {};
   for (int level = 0; level <= coarsest_; ++level) {
     view.make_sites(level, config.site_spacing_px, velocity_, &sites_);
     const GreyView& image = pyramid_.level[level];
+    int seen = 0;
     for (const ContourSite& site : sites_) {
       if (!supported_[site.contour * kSiteBuckets + site.bucket]) continue;
       const Vector2f px(from_level0(site.px.x(), level), from_level0(site.px.y(), level));
       if (!profile_inside(image, px, site.normal, kMatchHalf)) continue;
       int16_t profile[kMaxProfile];
       sample_profile(image, px, site.normal, kMatchHalf, profile);
-      learn(profile, kMatchHalf, &memory(site, level));
+      if (may_learn) learn(profile, kMatchHalf, &memory(site, level));
+      contrast[level] += static_cast<float>(std::abs(convolution(profile, kMatchHalf)));
+      ++seen;
     }
+    contrast[level] /= static_cast<float>(std::max(seen, 1));
   }
+  finest_ = 0;
+  while (finest_ < coarsest_ && contrast[finest_] < kSharp * contrast[finest_ + 1]) ++finest_;
 }
 
 void ModelTracker::Impl::keep_view(const SE3& T) {
@@ -399,7 +412,7 @@ void ModelTracker::Impl::predict() {
 // not the object.
 ModelTracker::Impl::Hypothesis ModelTracker::Impl::track_on() {
   const SE3 starts[3] = {motion.T_predicted(), motion.expected_motion() * motion.T_cw(), motion.T_cw()};
-  const int level = std::min(1, coarsest_);
+  const int level = std::min(finest_ + 1, coarsest_);
   int first = 0;
   float most = -1;
   for (int i = 0; i < 3; ++i) {
@@ -456,7 +469,7 @@ void ModelTracker::Impl::note_error(const SE3& T_predicted, const SE3& T) {
 // Sites and measurements are those of the last attempt: makes them those of this hypothesis.
 void ModelTracker::Impl::refit(Hypothesis* hypothesis) {
   if (!hypothesis->fit.ok) return;
-  hypothesis->fit = fit(hypothesis->T, 0, kNextRange, 10);
+  hypothesis->fit = fit(hypothesis->T, finest_, kNextRange, 10);
   if (!hypothesis->fit.ok) return;
   hypothesis->T = hypothesis->fit.T_co;
   hypothesis->quality = support();
@@ -487,7 +500,7 @@ void ModelTracker::Impl::report(const Hypothesis& found, ModelResult* result) {
       const Vector2f& ray = m.ray[m.chosen];
       if (config.camera.project(Vector3f(ray.x(), ray.y(), 1), &px)) shown.px = px;
       const bool alike = m.likeness[m.chosen] > kAlike && m.coherence > kAlike;
-      const bool near = m.weight > 0 && std::abs(m.distance_px) < kSupport_px;
+      const bool near = m.weight > 0 && std::abs(m.distance_px) < support_px();
       if (near && alike) {
         shown.kind = SiteKind::kInlier;
         supported_[site.contour * kSiteBuckets + site.bucket] = 1;
@@ -539,6 +552,7 @@ ModelResult ModelTracker::Impl::track(const Frame& frame) {
     usual_ = usual_sites_ = 0;
     turn_error_sq_ = shift_error_sq_ = 0;
     free_prior(T_start_);
+    finest_ = 0;
     found = start_search(T_start_);
     weak_ = 0;
     if (found.fit.ok) {
@@ -588,7 +602,7 @@ ModelResult ModelTracker::Impl::track(const Frame& frame) {
   if (state_ == ModelState::kTracking && found.fit.ok) {
     if (result.restarted) refit(&found);
     report(found, &result);
-    if (found.quality >= kLearning * usual_) learn_all(found.T);
+    look(found.T, found.quality >= kLearning * usual_);
     // They rise fast and fall slowly: what hides the object is not usual.
     const float visible = static_cast<float>(sites_visible_);
     usual_ += (found.quality > usual_ ? 0.3f : 0.01f) * (found.quality - usual_);
