@@ -24,7 +24,7 @@ constexpr int kCoarsest = 2, kFewestPixels = 100;
 // Reach of a search along the normal, pixels of its level: at the coarsest level, and at finer ones after it. Not swept.
 constexpr int kFirstRange = 8, kNextRange = 5;
 // Least scale of the robust weights, pixels of the level.
-constexpr float kSigmaFloor = 0.3f;
+constexpr float kSigmaFloor = 0.6f;
 // Distance from its contour within which an edge speaks for the pose, level-0 pixels, and pixels of the finest level.
 constexpr float kSupport_px = 2.5f, kSupportOfLevel_px = 1.25f;
 // The contrast of a level's edges, as a share of that of the next coarser one, under which the level shows only their
