@@ -64,8 +64,8 @@ void sample_profile(const GreyView& image, const Vector2f& px, const Vector2f& n
 }
 
 // Sums of 11 products of values up to 12240: 1.65e9, within int32; of their variances times 11 within int64.
-float likeness(const int16_t* profile, int i, const SiteMemory& memory) {
-  if (memory.seen == 0) return kUnknown;
+Likeness likeness(const int16_t* profile, int i, const SiteMemory& memory) {
+  if (memory.seen == 0) return {kUnknown, 1};
   int sum_a = 0, sum_b = 0;
   int64_t aa = 0, bb = 0, ab = 0;
   for (int k = 0; k < kMatchSize; ++k) {
@@ -79,9 +79,10 @@ float likeness(const int16_t* profile, int i, const SiteMemory& memory) {
   const float var_a = static_cast<float>(aa * kMatchSize - static_cast<int64_t>(sum_a) * sum_a);
   const float var_b = static_cast<float>(bb * kMatchSize - static_cast<int64_t>(sum_b) * sum_b);
   constexpr float kLeast = kLeastVariance * kProfileUnits * kProfileUnits * kMatchSize * kMatchSize;
-  if (var_a < kLeast || var_b < kLeast) return 0;
+  if (var_a < kLeast || var_b < kLeast) return {};
   const float covariance = static_cast<float>(ab * kMatchSize - static_cast<int64_t>(sum_a) * sum_b);
-  return std::max(0.0f, (covariance / std::sqrt(var_a * var_b) - kChance) / (1 - kChance));
+  const float shape = (covariance / std::sqrt(var_a * var_b) - kChance) / (1 - kChance);
+  return shape > 0 ? Likeness{shape, std::sqrt(var_a / var_b)} : Likeness{};
 }
 
 void learn(const int16_t* profile, int i, SiteMemory* memory) {
@@ -107,7 +108,9 @@ int find_edges(const int16_t* profile, int range, const SiteMemory* memory, Edge
       const float contrast = static_cast<float>(here) / kStepResponse;
       candidate.likelihood = contrast / (contrast + kHalfContrast);
       if (known) {
-        candidate.likeness = likeness(profile, i, *memory);
+        const Likeness like = likeness(profile, i, *memory);
+        candidate.likeness = like.shape;
+        candidate.contrast = like.contrast;
         const bool opposite = (convolution(profile, i) > 0) != (convolution(memory->profile, kMatchHalf) > 0);
         candidate.likelihood *= std::max(opposite ? kOpposite : kUnlike, candidate.likeness);
       }

@@ -46,11 +46,15 @@ struct SiteMemory {
   uint8_t seen = 0;  // times, up to 255
 };
 
-// How like the remembered profile the part about index i is: 0 to 1, linear in their zero-mean normalised correlation
-// above what the best of a texture's edges reaches by chance. Blind to brightness and contrast. 0 where either shows
-// nothing but noise; kUnknown without a memory.
-float likeness(const int16_t* profile, int i, const SiteMemory& memory);
+// How like the remembered profile the part about index i is.
+struct Likeness {
+  // 0 to 1, linear in their zero-mean normalised correlation above what the best of a texture's edges reaches by chance.
+  // Blind to brightness and contrast. 0 where either shows nothing but noise; kUnknown without a memory.
+  float shape = 0;
+  float contrast = 1;  // ratio of their standard deviations; 1 where shape is 0, and without a memory
+};
 constexpr float kUnknown = 0.5f;
+Likeness likeness(const int16_t* profile, int i, const SiteMemory& memory);
 // Blends the profile about index i into the memory: the newest has a quarter's weight.
 void learn(const int16_t* profile, int i, SiteMemory* memory);
 
@@ -58,7 +62,8 @@ constexpr int kMaxCandidates = 4;
 struct EdgeCandidate {
   float offset = 0;      // along the normal from the middle of the search, pixels of the image
   float likelihood = 0;  // zeta of [vvs eq. 24], 0 to 1
-  float likeness = kUnknown;
+  float likeness = kUnknown;  // of shape
+  float contrast = 1;         // see Likeness
 };
 
 // The most likely edges within range of a profile with half = range + kMatchHalf: extrema of the convolution, refined by

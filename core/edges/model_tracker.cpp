@@ -13,6 +13,7 @@
 #include "edges/model_view.h"
 #include "edges/point_pose.h"
 #include "edges/servoing.h"
+#include "geometry/robust.h"
 #include "image/pyramid.h"
 
 namespace pptam {
@@ -32,7 +33,10 @@ constexpr float kSupport_px = 2.5f, kSupportOfLevel_px = 1.25f;
 constexpr float kSharp = 0.6f;
 // Likeness from which on a site, with its neighbours, looks as it should.
 constexpr float kAlike = 0.3f;
+constexpr float kAdopt = 0.3f, kForget = 0.002f;  // share of a frame in what is usual: of better ones, of worse ones
 constexpr float kSuddenly = 0.9f;  // share of the usual sites that a pose must show
+// Ratio to the frame's usual change of contrast: up to the first an edge is another one, from the second on the same.
+constexpr float kOtherContrast = 0.4f, kSameContrast = 0.7f;
 constexpr int kNeighbours = 2;     // sites on either side along a contour
 constexpr float kAlone = 0.1f;     // share of its likelihood that an edge keeps when its neighbours look unlike theirs
 // Quality under which a frame is weak, and above which a pose that was lost is believed, shares of what is usual.
@@ -82,6 +86,7 @@ struct ModelTracker::Impl {
   float evidence(const SE3& T, int level);
   float support() const;
   float support_px() const { return std::max(kSupport_px, kSupportOfLevel_px * static_cast<float>(1 << finest_)); }
+  void weigh_by_contrast();
   void weigh_by_neighbours();
   Hypothesis track_on();
   void refit(Hypothesis* hypothesis);
@@ -124,7 +129,7 @@ struct ModelTracker::Impl {
   SE3 T_prior_;
   float prior_turn_ = kFree, prior_shift_ = kFree;
   float turn_error_sq_ = 0, shift_error_sq_ = 0;
-  float usual_sites_ = 0;  // visible in good frames
+  float usual_sites_ = 0;  // visible in good frames, as if level 0 was searched
   Vector6f velocity_ = Vector6f::Zero();  // of T_co, for the rolling shutter
   ModelState state_ = ModelState::kWaiting;
   bool starting_ = false;
@@ -132,7 +137,7 @@ struct ModelTracker::Impl {
   int frames_ = 0;  // since small images are there
   float usual_ = 0;  // quality of good frames
   int weak_ = 0;
-  int sites_visible_ = 0;  // in the last reported frame
+  int sites_visible_ = 0, sites_level_ = 0;  // in the last reported frame
   int lost_frames_ = 0;
   SE3 T_good_;  // last good pose
   int64_t last_timestamp_ns_ = INT64_MIN, last_pose_ns_ = 0;
@@ -210,10 +215,14 @@ ServoingResult ModelTracker::Impl::fit(const SE3& T, int level, int range, int i
       m.ray[k] = config.camera.unproject(at);
       m.likelihood[k] = found[k].likelihood;
       m.likeness[k] = found[k].likeness;
+      m.contrast[k] = found[k].contrast;
     }
     measurements_.push_back(m);
   }
-  if (use_memory_) weigh_by_neighbours();
+  if (use_memory_) {
+    weigh_by_contrast();
+    weigh_by_neighbours();
+  }
   ServoingOptions options;
   options.iterations = iterations;
   options.range_px = static_cast<float>(range) * unit;
@@ -222,6 +231,29 @@ ServoingResult ModelTracker::Impl::fit(const SE3& T, int level, int range, int i
   options.prior_turn = prior_turn_;
   options.prior_shift = prior_shift_;
   return servoing.run(T, options, &measurements_);
+}
+
+// Light changes all contrasts alike: by the median of edges that look as they should. Who differs from that is another
+// edge.
+void ModelTracker::Impl::weigh_by_contrast() {
+  best_likeness_.clear();
+  for (const EdgeMeasurement& m : measurements_) {
+    int best = 0;
+    for (int k = 1; k < m.candidates; ++k)
+      if (m.likeness[k] > m.likeness[best]) best = k;
+    if (m.likeness[best] > kAlike) best_likeness_.push_back(m.contrast[best]);
+  }
+  if (best_likeness_.empty()) return;
+  const float usual = median_of(best_likeness_);
+  for (EdgeMeasurement& m : measurements_) {
+    for (int k = 0; k < m.candidates; ++k) {
+      if (m.contrast[k] == 1) continue;  // unknown
+      const float ratio = std::min(m.contrast[k], usual) / std::max(m.contrast[k], usual);
+      const float share = std::clamp((ratio - kOtherContrast) / (kSameContrast - kOtherContrast), 0.0f, 1.0f);
+      m.likeness[k] *= share;
+      m.likelihood[k] *= std::max(kAlone, share);
+    }
+  }
 }
 
 // What hides an object hides neighbouring sites; what looks alike there by chance stands alone.
@@ -270,7 +302,8 @@ float ModelTracker::Impl::support() const {
     sum += m.likeness[m.chosen];
   }
   // What has turned away suddenly counts as if it were hidden.
-  return sum / std::max(static_cast<float>(sites_.size()), kSuddenly * usual_sites_);
+  const float usual = usual_sites_ / static_cast<float>(1 << finest_);
+  return sum / std::max(static_cast<float>(sites_.size()), kSuddenly * usual);
 }
 
 // How well the picture agrees with a pose, without a search beyond a pixel of the level: 0 to 1.
@@ -289,7 +322,7 @@ float ModelTracker::Impl::evidence(const SE3& T, int level) {
     const SiteMemory& kept = memory(site, level);
     if (use_memory_ && kept.seen > 0) {
       float best = 0;
-      for (int i = kMatchHalf; i <= kMatchHalf + 2; ++i) best = std::max(best, likeness(profile, i, kept));
+      for (int i = kMatchHalf; i <= kMatchHalf + 2; ++i) best = std::max(best, likeness(profile, i, kept).shape);
       sum += best;
     } else {
       EdgeCandidate found[kMaxCandidates];
@@ -481,6 +514,7 @@ void ModelTracker::Impl::report(const Hypothesis& found, ModelResult* result) {
   result->covariance = found.fit.covariance;
   result->quality = found.quality;
   result->sites_visible = sites_visible_ = sites_.size();
+  sites_level_ = finest_;
   reported_.clear();
   std::fill(supported_.begin(), supported_.end(), uint8_t{0});
   float sum[kModelFeatures] = {};
@@ -604,9 +638,9 @@ ModelResult ModelTracker::Impl::track(const Frame& frame) {
     report(found, &result);
     look(found.T, found.quality >= kLearning * usual_);
     // They rise fast and fall slowly: what hides the object is not usual.
-    const float visible = static_cast<float>(sites_visible_);
-    usual_ += (found.quality > usual_ ? 0.3f : 0.01f) * (found.quality - usual_);
-    usual_sites_ += (visible > usual_sites_ ? 0.3f : 0.01f) * (visible - usual_sites_);
+    const float visible = static_cast<float>(sites_visible_ << sites_level_);
+    usual_ += (found.quality > usual_ ? kAdopt : kForget) * (found.quality - usual_);
+    usual_sites_ += (visible > usual_sites_ ? kAdopt : kForget) * (visible - usual_sites_);
     if (found.quality >= kBelieved * usual_) {
       T_good_ = found.T;
       keep_view(found.T);

@@ -25,6 +25,7 @@ struct EdgeMeasurement {
   Vector2f ray[kMaxCandidates];  // normalised coordinates of the edges, as a camera at the frame's timestamp sees them
   float likelihood[kMaxCandidates];
   float likeness[kMaxCandidates];
+  float contrast[kMaxCandidates];
   float coherence = 1;     // mean likeness of the best edges of this site and its neighbours along the contour
   float distance_px = 0;   // result: from the contour, level-0 pixels
   float weight = 0;        // result: Tukey's, 0 for outliers
