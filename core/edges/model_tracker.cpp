@@ -33,6 +33,9 @@ constexpr float kSupport_px = 2.5f, kSupportOfLevel_px = 1.25f;
 constexpr float kSharp = 0.6f;
 // Likeness from which on a site, with its neighbours, looks as it should.
 constexpr float kAlike = 0.3f;
+// ... and surely: it may be learnt even while much is hidden.
+constexpr float kSure = 0.6f;
+constexpr uint8_t kUnsupported = 0, kSupported = 1, kSurely = 2;
 constexpr float kAdopt = 0.3f, kForget = 0.002f;  // share of a frame in what is usual: of better ones, of worse ones
 constexpr float kSuddenly = 0.9f;  // share of the usual sites that a pose must show
 // Ratio to the frame's usual change of contrast: up to the first an edge is another one, from the second on the same.
@@ -49,6 +52,9 @@ constexpr float kBetter = 1.1f;
 // error of the last predictions, at least that many pixels in the image. Not swept.
 constexpr float kFree = 0.5f, kPriorErrors = 3, kPriorLeast_px = 5;
 constexpr float kErrorBlend = 0.1f;  // share of the newest error in the mean square
+// Turns tried in a search for the object, radians about each axis.
+constexpr float kStartTurn = 0.18f;
+constexpr int kTurns = 27;
 constexpr int kWeakFrames = 3;  // in a row: lost
 constexpr int kViews = 16;      // kept for a restart
 constexpr float kPointError_px = 20;  // of a start from points
@@ -70,6 +76,15 @@ struct ModelTracker::Impl {
     SE3 T;
     float quality = 0;
     ServoingResult fit;
+  };
+  struct Search {  // of many poses
+    Impl& tracker;
+    static constexpr int kKept = 5;
+    Hypothesis kept[kKept] = {};
+    int count = 0;
+    void add(const SE3& T_start);
+    void add_turned(const SE3& T, int i);
+    Hypothesis best() const;
   };
   struct View {  // of a frame that was tracked well
     GreyImage small;
@@ -116,7 +131,7 @@ struct ModelTracker::Impl {
   FixedVector<EdgeMeasurement> measurements_;
   FixedVector<float> best_likeness_;  // by site
   FixedVector<SiteMemory> memory_;
-  FixedVector<uint8_t> supported_;  // by contour and bucket, in the last search of level 0
+  FixedVector<uint8_t> supported_;  // by contour and bucket, in the last reported frame
   FixedVector<ModelSite> reported_;
   FixedVector<View> views_;
   int views_used_ = 0, next_view_ = 0;
@@ -341,12 +356,13 @@ void ModelTracker::Impl::look(const SE3& T, bool may_learn) {
     const GreyView& image = pyramid_.level[level];
     int seen = 0;
     for (const ContourSite& site : sites_) {
-      if (!supported_[site.contour * kSiteBuckets + site.bucket]) continue;
+      const uint8_t supported = supported_[site.contour * kSiteBuckets + site.bucket];
+      if (supported == kUnsupported) continue;
       const Vector2f px(from_level0(site.px.x(), level), from_level0(site.px.y(), level));
       if (!profile_inside(image, px, site.normal, kMatchHalf)) continue;
       int16_t profile[kMaxProfile];
       sample_profile(image, px, site.normal, kMatchHalf, profile);
-      if (may_learn) learn(profile, kMatchHalf, &memory(site, level));
+      if (may_learn || supported == kSurely) learn(profile, kMatchHalf, &memory(site, level));
       contrast[level] += static_cast<float>(std::abs(convolution(profile, kMatchHalf)));
       ++seen;
     }
@@ -370,46 +386,51 @@ void ModelTracker::Impl::keep_view(const SE3& T) {
   for (int y = 0; y < from.height; ++y) std::copy_n(from.row(y), from.width, kept.small.row(y));
 }
 
-// Turned and shifted about the given pose, coarsely searched; the best few are refined.
-ModelTracker::Impl::Hypothesis ModelTracker::Impl::start_search(const SE3& T_rough) {
-  constexpr float kTurn = 0.18f;
-  Hypothesis best;
-  constexpr int kKept = 5;
-  Hypothesis kept[kKept];
-  int count = 0;
-  for (int i = 0; i < 27; ++i) {
-    const Vector3f turn(static_cast<float>(i % 3 - 1), static_cast<float>(i / 3 % 3 - 1), static_cast<float>(i / 9 - 1));
-    const float length = turn.norm();
-    SE3 T = turned(T_rough, length > 0 ? Vector3f(turn * (kTurn / std::sqrt(length))) : turn, Vector3f::Zero());
-    for (int pass = 0; pass < 2; ++pass) {
-      const ServoingResult fitted = fit(T, coarsest_, kFirstRange, 8);
-      if (fitted.ok) T = fitted.T_co;
-    }
-    Hypothesis tried;
-    tried.T = T;
-    tried.quality = evidence(T, std::max(coarsest_ - 1, 0));
-    int place = count;
-    while (place > 0 && kept[place - 1].quality < tried.quality) --place;
-    if (place >= kKept) continue;
-    count = std::min(count + 1, kKept);
-    for (int k = count - 1; k > place; --k) kept[k] = kept[k - 1];
-    kept[place] = tried;
+// Coarsely searched from each of the poses; the best few are refined.
+void ModelTracker::Impl::Search::add(const SE3& T_start) {
+  SE3 T = T_start;
+  for (int pass = 0; pass < 2; ++pass) {
+    const ServoingResult fitted = tracker.fit(T, tracker.coarsest_, kFirstRange, 8);
+    if (fitted.ok) T = fitted.T_co;
   }
+  Hypothesis tried;
+  tried.T = T;
+  tried.quality = tracker.evidence(T, std::max(tracker.coarsest_ - 1, 0));
+  int place = count;
+  while (place > 0 && kept[place - 1].quality < tried.quality) --place;
+  if (place >= kKept) return;
+  count = std::min(count + 1, kKept);
+  for (int k = count - 1; k > place; --k) kept[k] = kept[k - 1];
+  kept[place] = tried;
+}
+
+// The 27 turns by nothing or kStartTurn about each axis.
+void ModelTracker::Impl::Search::add_turned(const SE3& T, int i) {
+  const Vector3f turn(static_cast<float>(i % 3 - 1), static_cast<float>(i / 3 % 3 - 1), static_cast<float>(i / 9 - 1));
+  const float length = std::sqrt(std::max(1.0f, turn.squaredNorm()));
+  add(tracker.turned(T, turn * (kStartTurn / std::sqrt(length)), Vector3f::Zero()));
+}
+
+ModelTracker::Impl::Hypothesis ModelTracker::Impl::Search::best() const {
+  Hypothesis best;
   for (int i = 0; i < count; ++i) {
-    Hypothesis tried = refine(kept[i].T, coarsest_, kNextRange);
-    tried = refine(tried.T, std::max(coarsest_ - 1, 0), kNextRange);
+    Hypothesis tried = tracker.refine(kept[i].T, tracker.coarsest_, kNextRange);
+    tried = tracker.refine(tried.T, std::max(tracker.coarsest_ - 1, 0), kNextRange);
     if (tried.fit.ok && tried.quality > best.quality) best = tried;
   }
   return best;
 }
 
+ModelTracker::Impl::Hypothesis ModelTracker::Impl::start_search(const SE3& T_rough) {
+  Search search{*this};
+  for (int i = 0; i < kTurns; ++i) search.add_turned(T_rough, i);
+  return search.best();
+}
+
+// Round the last good pose, a third of the turns in each frame, and where the kept view most like this one was seen.
 ModelTracker::Impl::Hypothesis ModelTracker::Impl::restart() {
-  Hypothesis best;
-  const auto attempt = [&](const SE3& T) {
-    Hypothesis tried = refine(T, coarsest_, kFirstRange);
-    if (tried.fit.ok && tried.quality > best.quality) best = tried;
-  };
-  attempt(T_good_);
+  Search search{*this};
+  search.add(T_good_);
   int nearest = -1;
   int64_t least = INT64_MAX;
   for (int i = 0; i < views_used_; ++i) {
@@ -419,11 +440,9 @@ ModelTracker::Impl::Hypothesis ModelTracker::Impl::restart() {
       nearest = i;
     }
   }
-  if (nearest >= 0) attempt(views_[nearest].T);
-  // One of the turned poses in each frame.
-  const int i = lost_frames_ % 27;
-  const Vector3f turn(static_cast<float>(i % 3 - 1), static_cast<float>(i / 3 % 3 - 1), static_cast<float>(i / 9 - 1));
-  attempt(turned(T_good_, 0.15f * turn, Vector3f::Zero()));
+  if (nearest >= 0) search.add(views_[nearest].T);
+  for (int i = lost_frames_ % 3; i < kTurns; i += 3) search.add_turned(nearest >= 0 && lost_frames_ % 2 ? views_[nearest].T : T_good_, i);
+  Hypothesis best = search.best();
   if (best.quality < kBelieved * usual_) best.fit.ok = false;
   return best;
 }
@@ -516,7 +535,7 @@ void ModelTracker::Impl::report(const Hypothesis& found, ModelResult* result) {
   result->sites_visible = sites_visible_ = sites_.size();
   sites_level_ = finest_;
   reported_.clear();
-  std::fill(supported_.begin(), supported_.end(), uint8_t{0});
+  std::fill(supported_.begin(), supported_.end(), kUnsupported);
   float sum[kModelFeatures] = {};
   int next = 0;
   const SE3 since_search = found.T * view.T_co().inverse();
@@ -537,7 +556,8 @@ void ModelTracker::Impl::report(const Hypothesis& found, ModelResult* result) {
       const bool near = m.weight > 0 && std::abs(m.distance_px) < support_px();
       if (near && alike) {
         shown.kind = SiteKind::kInlier;
-        supported_[site.contour * kSiteBuckets + site.bucket] = 1;
+        const bool surely = m.likeness[m.chosen] > kSure && m.coherence > kSure;
+        supported_[site.contour * kSiteBuckets + site.bucket] = surely ? kSurely : kSupported;
         const int feature = static_cast<int>(parts.feature(site.contour));
         sum[feature] += m.distance_px * m.distance_px;
         ++result->feature_inliers[feature];
