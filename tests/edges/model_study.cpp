@@ -158,16 +158,24 @@ double dot_error(const Sequence& sequence, const SE3& T, const GreyPixels& image
     const int cx = static_cast<int>(std::lround(at.x())), cy = static_cast<int>(std::lround(at.y()));
     if (cx < reach || cy < reach || cx + reach >= image.width || cy + reach >= image.height) continue;
     double weight = 0, x = 0, y = 0, least = 255, most = 0;
+    const Vector3f n = T.R * circle.normal;
+    const auto near = [&](int u, int v) {  // within 1.4 radii on the board
+      const Vector2f ray = sequence.camera.unproject(Vector2f(static_cast<float>(u), static_cast<float>(v)));
+      const Vector3f f(ray.x(), ray.y(), 1);
+      return (f * (n.dot(c) / n.dot(f)) - c).norm() < 1.4f * circle.radius;
+    };
     const auto grey = [&](int u, int v) {
       return static_cast<double>(image.px[static_cast<size_t>(v) * static_cast<size_t>(image.width) + static_cast<size_t>(u)]);
     };
     for (int v = cy - reach; v <= cy + reach; ++v)
       for (int u = cx - reach; u <= cx + reach; ++u) {
+        if (!near(u, v)) continue;
         least = std::min(least, grey(u, v));
         most = std::max(most, grey(u, v));
       }
     for (int v = cy - reach; v <= cy + reach; ++v)
       for (int u = cx - reach; u <= cx + reach; ++u) {
+        if (!near(u, v)) continue;
         const double w = std::max(0.0, grey(u, v) - 0.5 * (least + most));
         weight += w;
         x += w * u;
