@@ -25,13 +25,12 @@ constexpr int kWeightShift = 12;       // to the 4 bits of bilinear weights
 constexpr int kWeightMask = 15;
 
 // Bilinear, in 1/256 grey: the weights sum to 256, so at most 65280. x, y: 16.16 fixed point.
-inline int bilinear(const GreyView& image, int32_t x, int32_t y) {
-  const uint8_t* p = image.row(y >> kFraction) + (x >> kFraction);
+inline int bilinear(const uint8_t* data, int stride, int32_t x, int32_t y) {
+  const uint8_t* p = data + (y >> kFraction) * stride + (x >> kFraction);
   const int wx = (x >> kWeightShift) & kWeightMask, wy = (y >> kWeightShift) & kWeightMask;
-  const int top = (16 - wx) * p[0] + wx * p[1];
-  const uint8_t* q = p + image.stride;
-  const int bottom = (16 - wx) * q[0] + wx * q[1];
-  return (16 - wy) * top + wy * bottom;
+  const int top = 16 * p[0] + wx * (p[1] - p[0]);
+  const int bottom = 16 * p[stride] + wx * (p[stride + 1] - p[stride]);
+  return 16 * top + wy * (bottom - top);
 }
 
 inline int32_t fixed(float v) {
@@ -56,7 +55,8 @@ void sample_profile(const GreyView& image, const Vector2f& px, const Vector2f& n
   const int32_t nx = fixed(normal.x()), ny = fixed(normal.y());
   int32_t x = fixed(px.x()) - half * nx, y = fixed(px.y()) - half * ny;
   for (int k = 0; k <= 2 * half; ++k) {
-    const int sum = bilinear(image, x, y) + bilinear(image, x - ny, y + nx) + bilinear(image, x + ny, y - nx);
+    const int sum = bilinear(image.data, image.stride, x, y) + bilinear(image.data, image.stride, x - ny, y + nx) +
+                    bilinear(image.data, image.stride, x + ny, y - nx);
     profile[k] = static_cast<int16_t>((sum + 8) >> 4);
     x += nx;
     y += ny;

@@ -59,6 +59,9 @@ constexpr int kWeakFrames = 3;  // in a row: lost
 constexpr int kViews = 16;      // kept for a restart
 constexpr float kPointError_px = 20;  // of a start from points
 
+// Of a frame whose full-frame rotation was not needed.
+const RotationEstimate kNoRotation = {};
+
 Status bad(const char* message) {
   return {StatusCode::kInvalidArgument, message};
 }
@@ -95,7 +98,6 @@ struct ModelTracker::Impl {
 
   ModelResult track(const Frame& frame);
   void begin(const Frame& frame);
-  void predict();
   Hypothesis refine(SE3 T, int from_level, int range);
   ServoingResult fit(const SE3& T, int level, int range, int iterations);
   float evidence(const SE3& T, int level);
@@ -454,42 +456,37 @@ void ModelTracker::Impl::begin(const Frame& frame) {
   make_small_image(pyramid_, small_[frames_ & 1]);
 }
 
-void ModelTracker::Impl::predict() {
-  const RotationEstimate turn = rotation.estimate(small_[(frames_ - 1) & 1], small_[frames_ & 1],
-                                                  motion.expected_motion().R, motion.expected_shift());
-  motion.turn(&turn);
-}
-
-// From the predictions: near them first, and farther only where that leaves doubt. A wide search finds more of what is
-// not the object.
+// Near the prediction by the velocity first. Only where that leaves doubt: from other predictions, and farther. A wide
+// search costs more and finds more of what is not the object.
 ModelTracker::Impl::Hypothesis ModelTracker::Impl::track_on() {
-  const SE3 starts[3] = {motion.T_predicted(), motion.expected_motion() * motion.T_cw(), motion.T_cw()};
   const int level = std::min(finest_ + 1, coarsest_);
-  int first = 0;
-  float most = -1;
-  for (int i = 0; i < 3; ++i) {
-    const float agrees = evidence(starts[i], level);
-    if (agrees > most) {
-      most = agrees;
-      first = i;
-    }
-  }
-  set_prior(starts[first]);
-  bool wide = false;
-  Hypothesis best = refine(starts[first], level, kNextRange);
-  const SE3 T_predicted = starts[first];
+  SE3 T_predicted = motion.expected_motion() * motion.T_cw();
+  velocity_ = motion.prior(T_predicted).mean;
+  set_prior(T_predicted);
+  Hypothesis best = refine(T_predicted, level, kNextRange);
   if (best.quality > kDoubted * usual_) {
+    motion.turn(&kNoRotation);
     note_error(T_predicted, best.T);
     return best;
   }
-  free_prior(T_predicted);
-  const auto attempt = [&](const SE3& T) {
-    const Hypothesis tried = refine(T, coarsest_, kFirstRange);
-    if (!tried.fit.ok || !(tried.quality > kBetter * best.quality)) return;
+  const RotationEstimate turn = rotation.estimate(small_[(frames_ - 1) & 1], small_[frames_ & 1],
+                                                  motion.expected_motion().R, motion.expected_shift());
+  motion.turn(&turn);
+  const SE3 starts[3] = {motion.T_predicted(), T_predicted, motion.T_cw()};
+  const auto attempt = [&](const SE3& T, int from_level, int range) {
+    const Hypothesis tried = refine(T, from_level, range);
+    if (!tried.fit.ok || !(tried.quality > kBetter * best.quality)) return false;
     best = tried;
-    wide = true;
+    return true;
   };
-  for (int i = 0; i < 3 && best.quality <= kDoubted * usual_; ++i) attempt(starts[i]);
+  bool wide = false;
+  for (const SE3& start : {starts[0], starts[2]}) {
+    if (best.quality > kDoubted * usual_) break;
+    set_prior(start);
+    if (attempt(start, level, kNextRange)) T_predicted = start;
+  }
+  free_prior(T_predicted);
+  for (int i = 0; i < 3 && best.quality <= kDoubted * usual_; ++i) wide = attempt(starts[i], coarsest_, kFirstRange) || wide;
   if (!wide) set_prior(T_predicted);
   refit(&best);
   if (best.quality > kDoubted * usual_) note_error(T_predicted, best.T);
@@ -620,8 +617,6 @@ ModelResult ModelTracker::Impl::track(const Frame& frame) {
     }
   } else if (state_ == ModelState::kTracking) {
     motion.begin_frame(dt_s, true);
-    predict();
-    velocity_ = motion.prior().mean;
     found = track_on();
     if (!found.fit.ok || found.quality < kWeak * usual_) {
       ++weak_;
