@@ -103,6 +103,7 @@ int find_edges(const int16_t* profile, int range, const SiteMemory* memory, Edge
     const int after = std::abs(convolution(profile, i + 1));
     if (here > before && here >= after && here >= kLeastContrast * kStepResponse) {
       EdgeCandidate candidate;
+      candidate.index = i;
       const float curvature = static_cast<float>(before - 2 * here + after);
       candidate.offset = static_cast<float>(i - first - range) + 0.5f * static_cast<float>(before - after) / curvature;
       const float contrast = static_cast<float>(here) / kStepResponse;

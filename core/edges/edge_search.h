@@ -64,6 +64,7 @@ struct EdgeCandidate {
   float likelihood = 0;  // zeta of [vvs eq. 24], 0 to 1
   float likeness = kUnknown;  // of shape
   float contrast = 1;         // see Likeness
+  int index = 0;              // in the profile, of the extremum
 };
 
 // The most likely edges within range of a profile with half = range + kMatchHalf: extrema of the convolution, refined by

@@ -23,7 +23,8 @@ namespace {
 // Pyramid levels searched, at most, 0 to this; coarser ones only while the shorter side has this many pixels. Not swept.
 constexpr int kCoarsest = 2, kFewestPixels = 100;
 // Reach of a search along the normal, pixels of its level: at the coarsest level, and at finer ones after it. Not swept.
-constexpr int kFirstRange = 8, kNextRange = 5;
+constexpr int kFirstRange = 8, kNextRange = 5, kFinestRange = 4;
+constexpr int kIterations = 6;  // of servoing, at most
 // Least scale of the robust weights, pixels of the level.
 constexpr float kSigmaFloor = 0.6f;
 // Distance from its contour within which an edge speaks for the pose, level-0 pixels, and pixels of the finest level.
@@ -37,6 +38,7 @@ constexpr float kAlike = 0.3f;
 constexpr float kSure = 0.6f;
 constexpr uint8_t kUnsupported = 0, kSupported = 1, kSurely = 2;
 constexpr float kAdopt = 0.3f, kForget = 0.002f;  // share of a frame in what is usual: of better ones, of worse ones
+constexpr float kUsual = 0.7f;  // quality of a good frame, before there was one
 constexpr float kSuddenly = 0.9f;  // share of the usual sites that a pose must show
 // Ratio to the frame's usual change of contrast: up to the first an edge is another one, from the second on the same.
 constexpr float kOtherContrast = 0.4f, kSameContrast = 0.7f;
@@ -44,8 +46,10 @@ constexpr int kNeighbours = 2;     // sites on either side along a contour
 constexpr float kAlone = 0.1f;     // share of its likelihood that an edge keeps when its neighbours look unlike theirs
 // Quality under which a frame is weak, and above which a pose that was lost is believed, shares of what is usual.
 constexpr float kWeak = 0.30f, kBelieved = 0.60f;
-// Share of the usual quality under which a wider search is made, and nothing is learnt.
-constexpr float kDoubted = 0.85f, kLearning = 0.65f;
+// Shares of the last frames' quality and of the usual one under which a wider search is made.
+constexpr float kDoubted = 0.85f, kPoor = 0.5f;
+constexpr float kRecent = 0.3f;     // share of a frame in the last frames' quality
+constexpr float kLearning = 0.65f;  // share of the usual quality from which on less certain sites are learnt
 // By how much a wider search's quality must be better, ratio.
 constexpr float kBetter = 1.1f;
 // 1-sigma of the prior on a pose: none, radians and shares of the distance; near a prediction that many times the rms
@@ -56,6 +60,7 @@ constexpr float kErrorBlend = 0.1f;  // share of the newest error in the mean sq
 constexpr float kStartTurn = 0.18f;
 constexpr int kTurns = 27;
 constexpr int kWeakFrames = 3;  // in a row: lost
+constexpr int kOtherLevels = 4;  // coarser levels are looked at every so many frames
 constexpr int kViews = 16;      // kept for a restart
 constexpr float kPointError_px = 20;  // of a start from points
 
@@ -102,6 +107,7 @@ struct ModelTracker::Impl {
   ServoingResult fit(const SE3& T, int level, int range, int iterations);
   float evidence(const SE3& T, int level);
   float support() const;
+  float doubted() const { return std::max(kDoubted * recent_, kPoor * usual_); }
   float support_px() const { return std::max(kSupport_px, kSupportOfLevel_px * static_cast<float>(1 << finest_)); }
   void weigh_by_contrast();
   void weigh_by_neighbours();
@@ -132,6 +138,7 @@ struct ModelTracker::Impl {
   FixedVector<ContourSite> sites_;
   FixedVector<EdgeMeasurement> measurements_;
   FixedVector<float> best_likeness_;  // by site
+  FixedVector<int16_t> profiles_;     // by site, of the last search
   FixedVector<SiteMemory> memory_;
   FixedVector<uint8_t> supported_;  // by contour and bucket, in the last reported frame
   FixedVector<ModelSite> reported_;
@@ -152,7 +159,8 @@ struct ModelTracker::Impl {
   bool starting_ = false;
   SE3 T_start_;
   int frames_ = 0;  // since small images are there
-  float usual_ = 0;  // quality of good frames
+  float usual_ = 0;   // quality of good frames
+  float recent_ = 0;  // of the last frames
   int weak_ = 0;
   int sites_visible_ = 0, sites_level_ = 0;  // in the last reported frame
   int lost_frames_ = 0;
@@ -169,6 +177,7 @@ ModelTracker::Impl::Impl(Arena& arena, const ModelTrackerConfig& configuration)
       sites_(arena, config.max_sites),
       measurements_(arena, config.max_sites),
       best_likeness_(arena, config.max_sites),
+      profiles_(arena, config.max_sites * kMaxProfile),
       memory_(arena, (kCoarsest + 1) * parts.contours_at_most() * kSiteBuckets),
       supported_(arena, parts.contours_at_most() * kSiteBuckets),
       reported_(arena, config.max_sites),
@@ -191,6 +200,7 @@ ModelTracker::Impl::Impl(Arena& arena, const ModelTrackerConfig& configuration)
   }
   while (coarsest_ < kCoarsest && std::min(width, height) >> (coarsest_ + 1) >= kFewestPixels) ++coarsest_;
   if (memory_.capacity() == 0) return;
+  profiles_.resize(profiles_.capacity());
   memory_.resize((kCoarsest + 1) * parts.contours() * kSiteBuckets);
   supported_.resize(parts.contours() * kSiteBuckets);
 }
@@ -217,7 +227,7 @@ ServoingResult ModelTracker::Impl::fit(const SE3& T, int level, int range, int i
     int reach = range;
     while (reach > 1 && !profile_inside(image, px, site.normal, reach + kMatchHalf)) --reach;
     if (!profile_inside(image, px, site.normal, reach + kMatchHalf)) continue;
-    int16_t profile[kMaxProfile];
+    int16_t* profile = &profiles_[i * kMaxProfile];
     sample_profile(image, px, site.normal, reach + kMatchHalf, profile);
     EdgeCandidate found[kMaxCandidates];
     const int count = find_edges(profile, reach, use_memory_ ? &memory(site, level) : nullptr, found);
@@ -233,6 +243,7 @@ ServoingResult ModelTracker::Impl::fit(const SE3& T, int level, int range, int i
       m.likelihood[k] = found[k].likelihood;
       m.likeness[k] = found[k].likeness;
       m.contrast[k] = found[k].contrast;
+      m.index[k] = static_cast<uint8_t>(found[k].index);
     }
     measurements_.push_back(m);
   }
@@ -302,7 +313,8 @@ ModelTracker::Impl::Hypothesis ModelTracker::Impl::refine(SE3 T, int from_level,
   Hypothesis found;
   found.T = T;
   for (int level = std::max(from_level, finest_); level >= finest_; --level) {
-    const ServoingResult fitted = fit(found.T, level, level == from_level ? range : kNextRange, 10);
+    const int reach = level == from_level ? range : level == finest_ ? kFinestRange : kNextRange;
+    const ServoingResult fitted = fit(found.T, level, reach, kIterations);
     if (fitted.ok) found.T = fitted.T_co;
     found.fit = fitted;
   }
@@ -349,29 +361,44 @@ float ModelTracker::Impl::evidence(const SE3& T, int level) {
   return sum / static_cast<float>(sites_.size());
 }
 
-// Looks at every level's sites at the pose found: how sharp the image is, and, where it may learn, what they show.
+// After report(): what the sites show in the last search, and at the pose found in the other levels, which are not
+// needed in every frame. Learns it, where it may, and sees how sharp the image is.
 void ModelTracker::Impl::look(const SE3& T, bool may_learn) {
-  view.set_pose(T);
   float contrast[kCoarsest + 1] = {};
+  int seen[kCoarsest + 1] = {};
+  const auto show = [&](const ContourSite& site, int level, const int16_t* profile, int index) {
+    const uint8_t supported = supported_[site.contour * kSiteBuckets + site.bucket];
+    if (may_learn || supported == kSurely) learn(profile, index, &memory(site, level));
+    contrast[level] += static_cast<float>(std::abs(convolution(profile, index)));
+    ++seen[level];
+  };
+  for (const EdgeMeasurement& m : measurements_) {
+    const ContourSite& site = sites_[m.site];
+    if (m.weight == 0 || supported_[site.contour * kSiteBuckets + site.bucket] == kUnsupported) continue;
+    show(site, finest_, &profiles_[m.site * kMaxProfile], m.index[m.chosen]);
+  }
+  view.set_pose(T);
+  int known = finest_;  // levels up to it are compared
   for (int level = 0; level <= coarsest_; ++level) {
+    if (level == finest_) continue;
+    if (level > finest_ + 1 && frames_ % kOtherLevels != 0) continue;
+    known = std::max(known, level);
     view.make_sites(level, config.site_spacing_px, velocity_, &sites_);
     const GreyView& image = pyramid_.level[level];
-    int seen = 0;
     for (const ContourSite& site : sites_) {
-      const uint8_t supported = supported_[site.contour * kSiteBuckets + site.bucket];
-      if (supported == kUnsupported) continue;
+      if (supported_[site.contour * kSiteBuckets + site.bucket] == kUnsupported) continue;
       const Vector2f px(from_level0(site.px.x(), level), from_level0(site.px.y(), level));
       if (!profile_inside(image, px, site.normal, kMatchHalf)) continue;
       int16_t profile[kMaxProfile];
       sample_profile(image, px, site.normal, kMatchHalf, profile);
-      if (may_learn || supported == kSurely) learn(profile, kMatchHalf, &memory(site, level));
-      contrast[level] += static_cast<float>(std::abs(convolution(profile, kMatchHalf)));
-      ++seen;
+      show(site, level, profile, kMatchHalf);
     }
-    contrast[level] /= static_cast<float>(std::max(seen, 1));
   }
+  for (int level = 0; level <= known; ++level) contrast[level] /= static_cast<float>(std::max(seen[level], 1));
+  const int before = finest_;
   finest_ = 0;
-  while (finest_ < coarsest_ && contrast[finest_] < kSharp * contrast[finest_ + 1]) ++finest_;
+  while (finest_ < known && contrast[finest_] < kSharp * contrast[finest_ + 1]) ++finest_;
+  if (finest_ == known && before < known) finest_ = std::min(finest_, before + 1);
 }
 
 void ModelTracker::Impl::keep_view(const SE3& T) {
@@ -464,7 +491,7 @@ ModelTracker::Impl::Hypothesis ModelTracker::Impl::track_on() {
   velocity_ = motion.prior(T_predicted).mean;
   set_prior(T_predicted);
   Hypothesis best = refine(T_predicted, level, kNextRange);
-  if (best.quality > kDoubted * usual_) {
+  if (best.quality > doubted()) {
     motion.turn(&kNoRotation);
     note_error(T_predicted, best.T);
     return best;
@@ -481,15 +508,15 @@ ModelTracker::Impl::Hypothesis ModelTracker::Impl::track_on() {
   };
   bool wide = false;
   for (const SE3& start : {starts[0], starts[2]}) {
-    if (best.quality > kDoubted * usual_) break;
+    if (best.quality > doubted()) break;
     set_prior(start);
     if (attempt(start, level, kNextRange)) T_predicted = start;
   }
   free_prior(T_predicted);
-  for (int i = 0; i < 3 && best.quality <= kDoubted * usual_; ++i) wide = attempt(starts[i], coarsest_, kFirstRange) || wide;
+  for (int i = 0; i < 3 && best.quality <= doubted(); ++i) wide = attempt(starts[i], coarsest_, kFirstRange) || wide;
   if (!wide) set_prior(T_predicted);
   refit(&best);
-  if (best.quality > kDoubted * usual_) note_error(T_predicted, best.T);
+  if (best.quality > doubted()) note_error(T_predicted, best.T);
   return best;
 }
 
@@ -518,7 +545,7 @@ void ModelTracker::Impl::note_error(const SE3& T_predicted, const SE3& T) {
 // Sites and measurements are those of the last attempt: makes them those of this hypothesis.
 void ModelTracker::Impl::refit(Hypothesis* hypothesis) {
   if (!hypothesis->fit.ok) return;
-  hypothesis->fit = fit(hypothesis->T, finest_, kNextRange, 10);
+  hypothesis->fit = fit(hypothesis->T, finest_, kFinestRange, kIterations);
   if (!hypothesis->fit.ok) return;
   hypothesis->T = hypothesis->fit.T_co;
   hypothesis->quality = support();
@@ -600,7 +627,8 @@ ModelResult ModelTracker::Impl::track(const Frame& frame) {
     velocity_.setZero();
     std::fill(memory_.begin(), memory_.end(), SiteMemory{});
     views_used_ = next_view_ = 0;
-    usual_ = usual_sites_ = 0;
+    usual_ = recent_ = kUsual;
+    usual_sites_ = 0;
     turn_error_sq_ = shift_error_sq_ = 0;
     free_prior(T_start_);
     finest_ = 0;
@@ -655,6 +683,7 @@ ModelResult ModelTracker::Impl::track(const Frame& frame) {
     // They rise fast and fall slowly: what hides the object is not usual.
     const float visible = static_cast<float>(sites_visible_ << sites_level_);
     usual_ += (found.quality > usual_ ? kAdopt : kForget) * (found.quality - usual_);
+    recent_ += kRecent * (found.quality - recent_);
     usual_sites_ += (visible > usual_sites_ ? kAdopt : kForget) * (visible - usual_sites_);
     if (found.quality >= kBelieved * usual_) {
       T_good_ = found.T;

@@ -11,7 +11,7 @@ namespace {
 
 constexpr float kMinPivot = 1e-6f;
 // A step that moves the object's outline less than this, pixels, is the last.
-constexpr float kConverged_px = 0.01f;
+constexpr float kConverged_px = 0.03f;
 constexpr int kFewest = 6;  // measurements
 constexpr float kLikely = 0.2f;    // likelihood of an edge that takes part in the scale. Not swept
 constexpr float kMaxTurn = 0.35f;  // radians in one step

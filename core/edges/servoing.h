@@ -26,6 +26,7 @@ struct EdgeMeasurement {
   float likelihood[kMaxCandidates];
   float likeness[kMaxCandidates];
   float contrast[kMaxCandidates];
+  uint8_t index[kMaxCandidates];  // in the site's profile
   float coherence = 1;     // mean likeness of the best edges of this site and its neighbours along the contour
   float distance_px = 0;   // result: from the contour, level-0 pixels
   float weight = 0;        // result: Tukey's, 0 for outliers
