@@ -18,7 +18,7 @@ constexpr float kLeastVariance = 4;
 // matter where nothing looks as it did, such as before a new background. Not swept.
 constexpr float kUnlike = 0.05f, kOpposite = 0.02f;
 // Correlation up to which a profile is unlike the remembered one: the best of a texture's edges reach it by chance.
-constexpr float kChance = 0.6f;
+constexpr float kChance = 0.7f;
 
 constexpr int kFraction = 16;          // bits of fixed-point coordinates
 constexpr int kWeightShift = 12;       // to the 4 bits of bilinear weights

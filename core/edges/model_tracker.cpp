@@ -42,7 +42,7 @@ constexpr float kUsual = 0.7f;  // quality of a good frame, before there was one
 constexpr float kSuddenly = 0.9f;  // share of the usual sites that a pose must show
 // Ratio to the frame's usual change of contrast: up to the first an edge is another one, from the second on the same.
 constexpr float kOtherContrast = 0.4f, kSameContrast = 0.7f;
-constexpr int kNeighbours = 2;     // sites on either side along a contour
+constexpr int kNeighbours = 3;     // sites on either side along a contour
 constexpr float kAlone = 0.1f;     // share of its likelihood that an edge keeps when its neighbours look unlike theirs
 // Quality under which a frame is weak, and above which a pose that was lost is believed, shares of what is usual.
 constexpr float kWeak = 0.30f, kBelieved = 0.60f;
