@@ -43,7 +43,7 @@ constexpr float kSuddenly = 0.9f;  // share of the usual sites that a pose must 
 // Ratio to the frame's usual change of contrast: up to the first an edge is another one, from the second on the same.
 constexpr float kOtherContrast = 0.4f, kSameContrast = 0.7f;
 constexpr int kNeighbours = 3;     // sites on either side along a contour
-constexpr float kAlone = 0.1f;     // share of its likelihood that an edge keeps when its neighbours look unlike theirs
+constexpr float kAlone = 0.03f;     // share of its likelihood that an edge keeps when its neighbours look unlike theirs
 // Quality under which a frame is weak, and above which a pose that was lost is believed, shares of what is usual.
 constexpr float kWeak = 0.30f, kBelieved = 0.60f;
 // Shares of the last frames' quality and of the usual one under which a wider search is made.
