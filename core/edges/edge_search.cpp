@@ -94,9 +94,8 @@ void learn(const int16_t* profile, int i, SiteMemory* memory) {
   if (memory->seen < 255) ++memory->seen;
 }
 
-int find_edges(const int16_t* profile, int range, const SiteMemory* memory, EdgeCandidate (&found)[kMaxCandidates]) {
+int find_edges(const int16_t* profile, int range, const SiteMemory& memory, EdgeCandidate (&found)[kMaxCandidates]) {
   int count = 0;
-  const bool known = memory && memory->seen > 0;
   const int first = kMatchHalf, last = 2 * range + kMatchHalf;  // indices of the offsets -range and range
   int before = std::abs(convolution(profile, first - 1)), here = std::abs(convolution(profile, first));
   for (int i = first; i <= last; ++i) {
@@ -108,11 +107,12 @@ int find_edges(const int16_t* profile, int range, const SiteMemory* memory, Edge
       candidate.offset = static_cast<float>(i - first - range) + 0.5f * static_cast<float>(before - after) / curvature;
       const float contrast = static_cast<float>(here) / kStepResponse;
       candidate.likelihood = contrast / (contrast + kHalfContrast);
-      if (known) {
-        const Likeness like = likeness(profile, i, *memory);
+      candidate.known = memory.seen > 0;
+      if (candidate.known) {
+        const Likeness like = likeness(profile, i, memory);
         candidate.likeness = like.shape;
         candidate.contrast = like.contrast;
-        const bool opposite = (convolution(profile, i) > 0) != (convolution(memory->profile, kMatchHalf) > 0);
+        const bool opposite = (convolution(profile, i) > 0) != (convolution(memory.profile, kMatchHalf) > 0);
         candidate.likelihood *= std::max(opposite ? kOpposite : kUnlike, candidate.likeness);
       }
       int place = count;

@@ -60,15 +60,16 @@ void learn(const int16_t* profile, int i, SiteMemory* memory);
 
 constexpr int kMaxCandidates = 4;
 struct EdgeCandidate {
-  float offset = 0;      // along the normal from the middle of the search, pixels of the image
-  float likelihood = 0;  // zeta of [vvs eq. 24], 0 to 1
-  float likeness = kUnknown;  // of shape
-  float contrast = 1;         // see Likeness
-  int index = 0;              // in the profile, of the extremum
+  float offset = 0;           // along the normal from the middle of the search, pixels of the image
+  int index = 0;              // of the extremum in the profile
+  float likelihood = 0;       // zeta of [vvs eq. 24], 0 to 1
+  float likeness = kUnknown;  // Likeness::shape
+  float contrast = 1;         // Likeness::contrast
+  bool known = false;         // whether there is a memory
 };
 
 // The most likely edges within range of a profile with half = range + kMatchHalf: extrema of the convolution, refined by
-// a parabola; most likely first. memory: null or not seen: by contrast alone. Returns how many.
-int find_edges(const int16_t* profile, int range, const SiteMemory* memory, EdgeCandidate (&found)[kMaxCandidates]);
+// a parabola; most likely first. Without a memory (not seen) by contrast alone. Returns how many.
+int find_edges(const int16_t* profile, int range, const SiteMemory& memory, EdgeCandidate (&found)[kMaxCandidates]);
 
 }  // namespace pptam

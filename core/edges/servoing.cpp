@@ -46,7 +46,7 @@ void Servoing::measure(const SE3& T_co, float nearness, FixedVector<EdgeMeasurem
     for (int k = 0; k < m.candidates && placed.ok; ++k) {
       const float x = m.ray[k].x(), y = m.ray[k].y();
       const float d = focal_ * (placed.straight ? placed.line.distance(x, y) : placed.ellipse.distance(x, y));
-      const float cost = nearness * d * d - m.likelihood[k];
+      const float cost = nearness * d * d - m.edge[k].likelihood;
       if (cost < best) {
         best = cost;
         m.chosen = static_cast<uint8_t>(k);
@@ -76,7 +76,7 @@ ServoingResult Servoing::run(const SE3& T_start, const ServoingOptions& options,
       for (const EdgeMeasurement& m : *measurements) {
         if (!(m.distance_px < INFINITY)) continue;
         ++seen;
-        if (m.likelihood[m.chosen] >= least) squared_.push_back(m.distance_px * m.distance_px);
+        if (m.edge[m.chosen].likelihood >= least) squared_.push_back(m.distance_px * m.distance_px);
       }
       if (squared_.size() >= std::max(kFewest, seen / 5)) break;
     }
@@ -110,7 +110,7 @@ ServoingResult Servoing::run(const SE3& T_start, const ServoingOptions& options,
       const Vector3f L_w = Vector3f(L[3], L[4], L[5]) + L_v.cross(c);
       const float row[6] = {unit * depth * L_v.x(), unit * depth * L_v.y(), unit * depth * L_v.z(),
                             unit * L_w.x(),         unit * L_w.y(),         unit * L_w.z()};
-      const float w = m.weight * m.likelihood[m.chosen];
+      const float w = m.weight * m.edge[m.chosen].likelihood;
       equations_.add(row, m.distance_px / result.sigma_px, w * w);
     }
     if (result.inliers < kFewest) return result;

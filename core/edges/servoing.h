@@ -23,10 +23,7 @@ struct EdgeMeasurement {
   uint8_t candidates = 0;  // at least 1
   uint8_t chosen = 0;      // of these, in the last iteration
   Vector2f ray[kMaxCandidates];  // normalised coordinates of the edges, as a camera at the frame's timestamp sees them
-  float likelihood[kMaxCandidates];
-  float likeness[kMaxCandidates];
-  float contrast[kMaxCandidates];
-  uint8_t index[kMaxCandidates];  // in the site's profile
+  EdgeCandidate edge[kMaxCandidates];
   float coherence = 1;     // mean likeness of the best edges of this site and its neighbours along the contour
   float distance_px = 0;   // result: from the contour, level-0 pixels
   float weight = 0;        // result: Tukey's, 0 for outliers
