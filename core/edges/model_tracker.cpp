@@ -18,7 +18,7 @@ namespace {
 // Reach of a search along the normal, pixels of its level: in the coarsest level, and near a prediction. Not swept.
 constexpr int kFirstRange = 8, kNearRange = 5;
 // Quality under which a frame is weak, and above which a pose is believed that was lost, shares of what is usual.
-constexpr float kWeak = 0.3f, kBelieved = 0.6f;
+constexpr float kWeak = 0.3f, kBelieved = 0.55f;
 constexpr int kWeakFrames = 3;          // in a row: lost
 constexpr float kStartQuality = 0.25f;  // of a start: half of the contours have an edge, whatever it looks like
 constexpr float kUsual = 0.7f;          // quality of a good frame, before there was one
@@ -147,6 +147,7 @@ struct ModelTracker::Impl {
   float turn_error_sq = 0, shift_error_sq = 0;  // of predictions, mean squares by component
   int weak_frames = 0, lost_frames = 0;         // in a row
   SE3 T_good;                                   // last good pose
+  SE3 T_carried;                                // the same with the camera's turns since the loss
   FixedVector<View> views;
   int views_used = 0, next_view = 0;
 };
@@ -205,7 +206,7 @@ Hypothesis ModelTracker::Impl::start_anew() {
   for (int i = 0; i < kTurns; ++i) search.add_turned(T_start, i);
   Hypothesis found = search.best();
   found.fit.ok = found.fit.ok && found.quality >= kStartQuality;
-  T_good = T_start;
+  T_good = T_carried = T_start;
   state = ModelState::kLost;
   lost_frames = 0;
   if (found.fit.ok) begin_at(found.T_co);
@@ -218,6 +219,7 @@ Hypothesis ModelTracker::Impl::track_on(float dt_s) {
   weak_frames = found.fit.ok && found.quality >= kWeak * usual_quality ? 0 : weak_frames + 1;
   if (weak_frames >= kWeakFrames) {
     state = ModelState::kLost;
+    T_carried = T_good;
     lost_frames = 0;
   }
   if (found.fit.ok) {
@@ -270,16 +272,19 @@ Hypothesis ModelTracker::Impl::follow() {
   return best;
 }
 
-// Round the last good pose and where the kept view most like this one was seen, in turn.
+// Round the last good pose, turned as the camera has since turned, and where the kept view most like this one was seen.
 Hypothesis ModelTracker::Impl::restart() {
+  const RotationEstimate turn = rotation.estimate(previous_small, small, Matrix3f::Identity(), Vector3f::Zero());
+  if (turn.ok) T_carried = SE3(orthonormalised(turn.R_cp * T_carried.R), turn.R_cp * T_carried.t);
   matching.set_prior({T_good});
   const int nearest = nearest_view();
   const SE3& T_nearest = nearest >= 0 ? views[nearest].T : T_good;
   PoseSearch search(matching);
+  search.add(T_carried);
   search.add(T_good);
   search.add(T_nearest);
   for (int i = lost_frames % kTurnShares; i < kTurns; i += kTurnShares)
-    search.add_turned(lost_frames % 2 == 0 ? T_good : T_nearest, i);
+    search.add_turned(lost_frames % 2 == 0 ? T_carried : T_nearest, i);
   ++lost_frames;
   Hypothesis found = search.best();
   if (found.fit.ok) matching.refit(&found);
