@@ -13,6 +13,7 @@ constexpr float kMinPivot = 1e-6f;
 // A step that moves the object's outline less than this, pixels, is the last.
 constexpr float kConverged_px = 0.03f;
 constexpr int kFewest = 6;  // measurements
+constexpr float kLeastSigma_px = 0.05f;  // of the covariance: what sub-pixel refinement leaves
 constexpr float kLikely = 0.2f;    // likelihood of an edge that takes part in the scale. Not swept
 constexpr float kMaxTurn = 0.35f;  // radians in one step
 // How much more a site's distance counts than its likelihood when it chooses among its edges: at first the likely, in
@@ -81,7 +82,8 @@ ServoingResult Servoing::run(const SE3& T_start, const ServoingOptions& options,
       if (squared_.size() >= std::max(kFewest, seen / 5)) break;
     }
     if (seen < kFewest) return result;
-    result.sigma_px = std::max(robust_sigma_1d(squared_), options.sigma_floor_px);
+    const float sigma = std::max(robust_sigma_1d(squared_), kLeastSigma_px);
+    result.sigma_px = std::max(sigma, options.sigma_floor_px);
     const Tukey tukey(result.sigma_px, kTukeyCutoff1d);
 
     const Vector3f c = T * parts_.middle();  // turns are about the object's middle
@@ -90,6 +92,7 @@ ServoingResult Servoing::run(const SE3& T_start, const ServoingOptions& options,
     const float unit = focal_ / result.sigma_px;
     int index = -1, contour = -1;
     result.inliers = 0;
+    float weights = 0;
     for (EdgeMeasurement& m : *measurements) {
       if (m.contour != contour) {
         contour = m.contour;
@@ -112,6 +115,7 @@ ServoingResult Servoing::run(const SE3& T_start, const ServoingOptions& options,
                             unit * L_w.x(),         unit * L_w.y(),         unit * L_w.z()};
       const float w = m.weight * m.edge[m.chosen].likelihood;
       equations_.add(row, m.distance_px / result.sigma_px, w * w);
+      weights += w * w;
     }
     if (result.inliers < kFewest) return result;
     const Vector3f shift_back = (options.T_prior * parts_.middle() - c) / depth;
@@ -137,7 +141,10 @@ ServoingResult Servoing::run(const SE3& T_start, const ServoingOptions& options,
         equations_.covariance_column(i, 0, column);
         for (int j = 0; j < 6; ++j) covariance(j, i) = column[j];
       }
-      result.covariance = to_mu * covariance * to_mu.transpose();
+      // The equations are in units of the scale's floor, and their weights are relative.
+      const float unit_sq = sigma * sigma / (result.sigma_px * result.sigma_px);
+      const float mean_weight = weights / static_cast<float>(result.inliers);
+      result.covariance = to_mu * covariance * to_mu.transpose() * (unit_sq * mean_weight);
       result.T_co = T;
       result.ok = true;
       return result;
