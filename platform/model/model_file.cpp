@@ -26,18 +26,18 @@ constexpr size_t kMaxModelBytes = size_t{8} << 20;
 // The lines of a text that hold something, without comments, and errors that name them.
 class Lines {
  public:
-  explicit Lines(const std::filesystem::path& file) : name_(file.string()) {
-    const std::string text = read_text(file, kMaxModelBytes);
+  explicit Lines(const std::filesystem::path& file) : Lines(read_text(file, kMaxModelBytes), file) {}
+  Lines(const std::string& text, const std::filesystem::path& file) : name_(file.string()) {
     int number = 1;
     for (size_t begin = 0; begin < text.size(); ++number) {
-      const size_t end = text.find('\n', begin);
+      const size_t end = std::min(text.find('\n', begin), text.size());
       std::string_view line = std::string_view(text).substr(begin, end - begin);
       if (line.size() > kMaxLineBytes) throw InputError(format("%s:%d: a line of more than 64 kB", name_.c_str(), number));
       line = trimmed(line.substr(0, line.find('#')));
       if (!line.empty()) lines_.emplace_back(number, std::string(line));
       begin = end + 1;
     }
-    last_line_ = number - 1;
+    last_line_ = std::max(1, number - 1);
   }
   bool at_end() const { return next_ == lines_.size(); }
   const std::string& peek() const { return lines_[next_].second; }
@@ -45,6 +45,10 @@ class Lines {
   const std::string& take(const std::string& what) {
     if (at_end()) throw InputError(format("%s:%d: the file ends where there should be %s", name_.c_str(), last_line_, what.c_str()));
     return lines_[next_++].second;
+  }
+  // Of the whole text.
+  [[noreturn]] void fail_at_end(const std::string& what) const {
+    throw InputError(format("%s:%d: %s", name_.c_str(), last_line_, what.c_str()));
   }
   // Of the line that was taken last.
   [[noreturn]] void fail(const std::string& what) const {
@@ -135,9 +139,8 @@ class CaoReader {
  public:
   explicit CaoReader(ModelFile* model) : model_(*model) {}
 
-  void read(const std::filesystem::path& file, const SE3& T, int depth) {
+  void read(Lines& lines, const std::filesystem::path& file, const SE3& T, int depth) {
     model_.files.push_back(file);
-    Lines lines(file);
     if (lines.at_end() || lines.take("V1") != "V1") lines.fail("a .cao model begins with a line V1");
     while (!lines.at_end() && lines.peek().starts_with("load")) load(lines, file, T, depth);
     if (lines.at_end()) {
@@ -313,11 +316,13 @@ class CaoReader {
   // load("path" [, t=[x; y; z]] [, tu=[rx; ry; rz [deg|rad]]] [, R=[9 values]])
   void load(Lines& lines, const std::filesystem::path& file, const SE3& T, int depth) {
     const std::string line = lines.take("load");
-    const size_t open = line.find("(\""), quote = open == std::string::npos ? open : line.find('"', open + 2);
-    if (open == std::string::npos || quote == std::string::npos || line.back() != ')' ||
-        !trimmed(std::string_view(line).substr(4, open - 4)).empty())
+    const size_t open = line.find('"'), quote = open == std::string::npos ? open : line.find('"', open + 1);
+    std::string before;  // between load and the path
+    for (size_t i = 4; i < std::min(open, line.size()); ++i)
+      if (line[i] != ' ' && line[i] != '\t') before += line[i];
+    if (quote == std::string::npos || before != "(" || line.back() != ')')
       lines.fail("not load(\"file\") with t=[x; y; z], tu=[rx; ry; rz deg] or R=[9 values] after commas: " + in_quotes(line));
-    const std::filesystem::path other = file.parent_path() / line.substr(open + 2, quote - open - 2);
+    const std::filesystem::path other = file.parent_path() / line.substr(open + 1, quote - open - 1);
     SE3 T_here;
     bool turned = false;
     std::string_view rest = std::string_view(line).substr(quote + 1, line.size() - quote - 2);
@@ -335,7 +340,8 @@ class CaoReader {
     if (model_.files.size() >= kMaxFiles) lines.fail("more than 64 files are loaded");
     std::error_code ignored;
     if (!std::filesystem::is_regular_file(other, ignored)) lines.fail("there is no file " + other.string());
-    read(other, T * T_here, depth + 1);
+    Lines others(other);
+    read(others, other, T * T_here, depth + 1);
   }
 
   void transform(const Lines& lines, std::string_view key, std::string_view list, SE3* T, bool* turned) const {
@@ -452,9 +458,13 @@ ObjectModel ModelFile::view() const {
 }
 
 ModelFile read_model(const std::filesystem::path& file) {
+  return model_of(read_text(file, kMaxModelBytes), file);
+}
+
+ModelFile model_of(const std::string& text, const std::filesystem::path& file) {
   ModelFile model;
-  Lines lines(file);
-  if (lines.at_end()) throw InputError(file.string() + ": is empty; a model is a .cao file, V1, or a Wavefront OBJ");
+  Lines lines(text, file);
+  if (lines.at_end()) lines.fail_at_end("is empty; a model is a .cao file, V1, or a Wavefront OBJ");
   const std::string first(words_of(lines.peek()).front());
   const bool obj = first == "v" || first == "o" || first == "g" || first == "mtllib" || first == "vn" || first == "vt" ||
                    first == "s" || first == "usemtl";
@@ -462,10 +472,10 @@ ModelFile read_model(const std::filesystem::path& file) {
     model.files.push_back(file);
     read_obj(lines, &model);
   } else {
-    CaoReader(&model).read(file, SE3(), 0);
+    CaoReader(&model).read(lines, file, SE3(), 0);
   }
   const Status status = model.view().validate();
-  if (!status.ok()) throw InputError(file.string() + ": " + status.message());
+  if (!status.ok()) lines.fail_at_end(status.message());
   return model;
 }
 

@@ -6,6 +6,7 @@
 #pragma once
 
 #include <filesystem>
+#include <string>
 #include <vector>
 
 #include <pocket_ptam/model_tracker.h>
@@ -32,6 +33,8 @@ struct ModelFile {
 // name=, useLod=, minLineLengthThreshold=, minPolygonAreaThreshold=. The faces' lines must join end to end.
 // OBJ: v, f and l; coordinates only; sides between faces that meet at less than 30 degrees count only as outlines.
 ModelFile read_model(const std::filesystem::path& file);
+// The same of a file's text. `file` stands for it in errors, and what it loads is sought beside it.
+ModelFile model_of(const std::string& text, const std::filesystem::path& file);
 
 // Object to camera: six numbers, translation (model units) and rotation vector (radians), as in .pos; or a 4x4 matrix,
 // row by row.
