@@ -20,7 +20,8 @@ struct Picture {
   GreyView view() const { return {px.data(), kSize, kSize, kSize}; }
 };
 
-// An edge through `at` with the given normal: `low` before it and `high` beyond, each pixel the mean of 16x16 points.
+// An edge through `at` with the given normal: `low` before it and `high` beyond. As in a camera each pixel is the mean
+// light of 16x16 points, encoded by a gamma of 2.
 Picture edge_picture(const Vector2f& at, const Vector2f& normal, float low, float high) {
   Picture picture;
   for (int y = 0; y < kSize; ++y) {
@@ -32,7 +33,8 @@ Picture edge_picture(const Vector2f& at, const Vector2f& normal, float low, floa
         beyond += normal.dot(p - at) > 0;
       }
       picture.px[static_cast<size_t>(y * kSize + x)] =
-          static_cast<uint8_t>(std::lround(low + (high - low) * static_cast<float>(beyond) / 256));
+          static_cast<uint8_t>(std::lround(
+              std::sqrt(low * low + (high * high - low * low) * static_cast<float>(beyond) / 256)));
     }
   }
   return picture;
