@@ -1,7 +1,11 @@
 // The model-based tracker on recorded sequences, as they are and made harder: how far the model's corners are off, how
 // many frames are kept, whether losses are noticed, how far off a start may be.
 //
-//   model_study [--sequence NAME] [--recipe NAME] [--start] [--verbose]
+//   model_study [--sequence NAME...] [--recipe NAME...] [--start] [--jitter] [--gone] [--verbose]
+//
+//   --start    how far off a start may be: still image, ten frames, within 2 px
+//   --jitter   still image with new noise of sigma 3 in each frame: rms of the corners from frame to frame
+//   --gone     the whole image is covered for 20 frames of every 60: when that is said, and when the object is back
 //
 // The sequences are those of Debian's visp-images-data, and model_teabox where PPTAM_MODEL_TEABOX names its folder;
 // without them nothing is studied, and that is said. Errors are the mean distance of the model's projected corners from
@@ -418,15 +422,73 @@ void study_start(const Sequence& sequence, const std::vector<SE3>& truth, int tr
   }
 }
 
+void study_jitter(const Sequence& sequence, const std::vector<SE3>& truth) {
+  Tracker tracker(sequence);
+  std::mt19937 random(1);
+  if (!tracker->start(truth[0]).ok()) return;
+  SE3 before;
+  double sum = 0;
+  int count = 0;
+  for (int i = 0; i < 105; ++i) {
+    GreyPixels image = sequence.images[0];
+    noise(&image, 3, &random);
+    const ModelResult r = tracker.track(image);
+    if (i > 4 && r.pose_valid) {
+      for (const Vector3f& corner : corners_of(sequence)) {
+        Vector2f a, b;
+        if (!sequence.camera.project(r.T_co * corner, &a) || !sequence.camera.project(before * corner, &b)) continue;
+        sum += static_cast<double>((a - b).squaredNorm());
+        ++count;
+      }
+    }
+    before = r.T_co;
+  }
+  std::printf("%-10s jitter at sigma 3: %.3f px\n", sequence.name.c_str(), std::sqrt(sum / std::max(count, 1)));
+}
+
+void study_gone(const Sequence& sequence, const std::vector<SE3>& truth) {
+  Tracker tracker(sequence);
+  if (!tracker->start(truth[0]).ok()) return;
+  int gone = 0, noticed = 0, back = 0, false_lost = 0, shown = 0;
+  double longest = 0;
+  for (size_t first = 0; first + 60 <= 240; first += 60) {
+    int lost_after = -1, back_after = -1;
+    for (size_t k = 0; k < 60; ++k) {
+      const size_t turn = 2 * (sequence.images.size() - 1), at = (first + k) % turn;  // there and back
+      const size_t i = at < sequence.images.size() ? at : turn - at;
+      GreyPixels image = sequence.images[i];
+      const bool hidden = k >= 20 && k < 40;
+      if (hidden) std::fill(image.px.begin(), image.px.end(), uint8_t{128});
+      const ModelResult r = tracker.track(image);
+      if (k < 20) {
+        ++shown;
+        false_lost += !r.pose_valid;
+      }
+      if (hidden && !r.pose_valid && lost_after < 0) lost_after = static_cast<int>(k) - 20;
+      if (k >= 40 && back_after < 0 && r.pose_valid && corner_error(sequence, r.T_co, truth[i]) < 10)
+        back_after = static_cast<int>(k) - 40;
+    }
+    ++gone;
+    noticed += lost_after >= 0 && lost_after <= 5;
+    back += back_after >= 0 && back_after <= 15;
+    longest = std::max(longest, back_after < 0 ? 99.0 : static_cast<double>(back_after));
+  }
+  std::printf("%-10s gone %d times: said within 5 frames %d, back within 15 frames %d (longest %.0f), of %d frames shown %d "
+              "said lost\n",
+              sequence.name.c_str(), gone, noticed, back, longest, shown, false_lost);
+}
+
 int study(int argc, char** argv) {
   CLI::App app("The model-based tracker on recorded sequences");
   std::vector<std::string> names = {"teabox", "castle", "cylinder", "cube", "castel", "mire"}, wanted;
-  bool start = false, verbose = false;
+  bool start = false, jitter = false, gone = false, verbose = false;
   int trials = 100;
   app.add_option("--sequence", names);
   app.add_option("--recipe", wanted);
   app.add_option("--trials", trials);
   app.add_flag("--start", start);
+  app.add_flag("--jitter", jitter);
+  app.add_flag("--gone", gone);
   app.add_flag("--verbose", verbose);
   CLI11_PARSE(app, argc, argv);
   const fs::path scratch = fs::temp_directory_path();
@@ -441,10 +503,10 @@ int study(int argc, char** argv) {
       const Outcome clean = run(*sequence, {"clean", 1, nullptr}, {}, verbose);
       for (const auto& pose : clean.poses) truth.push_back(pose ? *pose : truth.empty() ? sequence->T_start : truth.back());
     }
-    if (start) {
-      study_start(*sequence, truth, trials);
-      continue;
-    }
+    if (start) study_start(*sequence, truth, trials);
+    if (jitter) study_jitter(*sequence, truth);
+    if (gone) study_gone(*sequence, truth);
+    if (start || jitter || gone) continue;
     for (const Recipe& recipe : recipes(sequence->images.size())) {
       if (!wanted.empty() && std::find(wanted.begin(), wanted.end(), recipe.name) == wanted.end()) continue;
       const Outcome o = run(*sequence, recipe, truth, verbose);
