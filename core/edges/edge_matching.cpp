@@ -18,6 +18,7 @@ constexpr float kSigmaFloor = 0.6f;   // least scale of the robust weights, pixe
                                       // inexact by a pixel jump between subsets of their edges
 // Distance from its contour within which an edge speaks for the pose, level-0 pixels, and pixels of the finest level.
 constexpr float kSupport_px = 2.5f, kSupportOfLevel_px = 1.25f;
+constexpr float kClose_px = 1.5f;  // pixels of the finest level: of sites without a memory
 // The contrast of a level's edges, as a share of that of the next coarser one, under which the level shows only their
 // blur. A sharp edge has the same in all, one blurred over 15 pixels a third in level 0. Not swept.
 constexpr float kSharp = 0.6f;
@@ -181,12 +182,17 @@ void EdgeMatching::refit(Hypothesis* hypothesis) {
   hypothesis->quality = quality();
 }
 
-// Of the last search. What has turned away suddenly counts as if it were hidden.
+// Of the last search. What has turned away suddenly counts as if it were hidden. Of sites that have shown nothing yet
+// strong edges count that lie close to their contours: anything has some edge near.
 float EdgeMatching::quality() const {
   if (sites_.empty()) return 0;
+  const float close_sq = kClose_px * kClose_px * static_cast<float>(1 << (2 * finest_));
   float sum = 0;
-  for (const EdgeMeasurement& m : measurements_)
-    if (std::abs(m.distance_px) < support_px()) sum += m.edge[m.chosen].likeness;
+  for (const EdgeMeasurement& m : measurements_) {
+    if (!(std::abs(m.distance_px) < support_px())) continue;
+    const EdgeCandidate& edge = m.edge[m.chosen];
+    sum += edge.known ? edge.likeness : edge.strength * std::max(0.0f, 1 - m.distance_px * m.distance_px / close_sq);
+  }
   const float usual = usual_sites_ / static_cast<float>(1 << finest_);
   return sum / std::max(static_cast<float>(sites_.size()), kSuddenly * usual);
 }

@@ -123,7 +123,7 @@ int find_edges(const int16_t* profile, int range, const SiteMemory& memory, Edge
       candidate.index = i;
       candidate.offset = static_cast<float>(i - first - range) + refined(profile, i);
       const float contrast = static_cast<float>(here) / kStepResponse;
-      candidate.likelihood = contrast / (contrast + kHalfContrast);
+      candidate.likelihood = candidate.strength = contrast / (contrast + kHalfContrast);
       candidate.known = memory.seen > 0;
       if (candidate.known) {
         const Likeness like = likeness(profile, i, memory);

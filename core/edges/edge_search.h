@@ -62,7 +62,8 @@ constexpr int kMaxCandidates = 4;
 struct EdgeCandidate {
   float offset = 0;           // along the normal from the middle of the search, pixels of the image
   int index = 0;              // of the extremum in the profile
-  float likelihood = 0;       // zeta of [vvs eq. 24], 0 to 1
+  float strength = 0;         // 0 to 1, by its contrast
+  float likelihood = 0;       // zeta of [vvs eq. 24], 0 to 1: strength and what else is known
   float likeness = kUnknown;  // Likeness::shape
   float contrast = 1;         // Likeness::contrast
   bool known = false;         // whether there is a memory

@@ -79,14 +79,15 @@ class PoseSearch {
     const Vector3f c = T * matching_.parts().middle();
     add(SE3(orthonormalised(R * T.R), R * (T.t - c) + c));
   }
-  Hypothesis best() {
+  // The best of them, if it is clearly better than what is known already.
+  Hypothesis best(const Hypothesis& known) {
     Hypothesis best;
     for (int i = 0; i < count_; ++i) {
       Hypothesis tried = matching_.refine(kept_[i].T, matching_.coarsest(), kNearRange);
       tried = matching_.refine(tried.T_co, finer_level(), kNearRange);
       if (tried.fit.ok && tried.quality > best.quality) best = tried;
     }
-    return best;
+    return best.quality > kBetter * known.quality ? best : known;
   }
 
  private:
@@ -202,9 +203,10 @@ Hypothesis ModelTracker::Impl::start_anew() {
   usual_quality = recent_quality = kUsual;
   turn_error_sq = shift_error_sq = 0;
   matching.set_prior({T_start});
+  const Hypothesis as_told = matching.refine(T_start, std::min(1, matching.coarsest()), kNearRange);
   PoseSearch search(matching);
   for (int i = 0; i < kTurns; ++i) search.add_turned(T_start, i);
-  Hypothesis found = search.best();
+  Hypothesis found = search.best(as_told);
   found.fit.ok = found.fit.ok && found.quality >= kStartQuality;
   T_good = T_carried = T_start;
   state = ModelState::kLost;
@@ -286,7 +288,7 @@ Hypothesis ModelTracker::Impl::restart() {
   for (int i = lost_frames % kTurnShares; i < kTurns; i += kTurnShares)
     search.add_turned(lost_frames % 2 == 0 ? T_carried : T_nearest, i);
   ++lost_frames;
-  Hypothesis found = search.best();
+  Hypothesis found = search.best({});
   if (found.fit.ok) matching.refit(&found);
   found.fit.ok = found.fit.ok && found.quality >= kBelieved * usual_quality;
   if (found.fit.ok) begin_at(found.T_co);
