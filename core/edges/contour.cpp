@@ -46,8 +46,8 @@ void LineContour::interaction(float x, float y, float (&L)[6]) const {
   for (int i = 0; i < 6; ++i) L[i] = L_rho[i] + alpha * L_theta[i];
 }
 
-// The viewing cone of the circle is x^T M x = 0, M = k^2 I - k (Q n' + n Q') + (Q.Q - r^2) n n', k = n.Q; with M's upper
-// left block A2 and right column b the ellipse has the centre -A2^-1 b and the squared axes -(m33 + b.g) A2^-1.
+// The viewing cone of the circle is x^T M x = 0, M = k^2 I - k (Q n' + n Q') + (Q.Q - r^2) n n', k = n.Q; with M's
+// upper left block A2 and right column b the ellipse has the centre -A2^-1 b and the squared axes -(m33 + b.g) A2^-1.
 // Lengths are divided by the centre's distance first: their fourth powers would leave float32's range.
 bool EllipseContour::set(const Vector3f& centre, const Vector3f& n, float radius) {
   const float unit = 1 / std::sqrt(centre.squaredNorm());
@@ -76,16 +76,15 @@ bool EllipseContour::set(const Vector3f& centre, const Vector3f& n, float radius
   if (!(mu20 > 0 && mu02 > 0 && mu20 * mu02 > mu11 * mu11)) return false;
   const float A = n.x() / k * unit, B = n.y() / k * unit, C = n.z() / k * unit;
   const float z = A * xg + B * yg + C;
-  const float rows[5][6] = {
-      {-z, 0, xg * z + A * mu20 + B * mu11, xg * yg + mu11, -(1 + xg * xg + mu20), yg},
-      {0, -z, yg * z + A * mu11 + B * mu02, 1 + yg * yg + mu02, -(xg * yg + mu11), -xg},
-      {-2 * (A * mu20 + B * mu11), 0, 2 * ((z + A * xg) * mu20 + B * xg * mu11), 2 * (xg * mu11 + yg * mu20),
-       -4 * xg * mu20, 2 * mu11},
-      {-(A * mu11 + B * mu02), -(A * mu20 + B * mu11),
-       A * (3 * xg * mu11 + yg * mu20) + B * (xg * mu02 + 3 * yg * mu11) + 2 * C * mu11, xg * mu02 + 3 * yg * mu11,
-       -(3 * xg * mu11 + yg * mu20), mu02 - mu20},
-      {0, -2 * (A * mu11 + B * mu02), 2 * ((z + B * yg) * mu02 + A * yg * mu11), 4 * yg * mu02,
-       -2 * (xg * mu02 + yg * mu11), -2 * mu11}};
+  const float rows[5][6] = {{-z, 0, xg * z + A * mu20 + B * mu11, xg * yg + mu11, -(1 + xg * xg + mu20), yg},
+                            {0, -z, yg * z + A * mu11 + B * mu02, 1 + yg * yg + mu02, -(xg * yg + mu11), -xg},
+                            {-2 * (A * mu20 + B * mu11), 0, 2 * ((z + A * xg) * mu20 + B * xg * mu11),
+                             2 * (xg * mu11 + yg * mu20), -4 * xg * mu20, 2 * mu11},
+                            {-(A * mu11 + B * mu02), -(A * mu20 + B * mu11),
+                             A * (3 * xg * mu11 + yg * mu20) + B * (xg * mu02 + 3 * yg * mu11) + 2 * C * mu11,
+                             xg * mu02 + 3 * yg * mu11, -(3 * xg * mu11 + yg * mu20), mu02 - mu20},
+                            {0, -2 * (A * mu11 + B * mu02), 2 * ((z + B * yg) * mu02 + A * yg * mu11), 4 * yg * mu02,
+                             -2 * (xg * mu02 + yg * mu11), -2 * mu11}};
   for (int i = 0; i < 5; ++i)
     for (int j = 0; j < 6; ++j) L[i][j] = rows[i][j];
   return true;

@@ -2,9 +2,9 @@
 //
 // A contour is a straight segment or a circle in the camera's frame. The limbs of a cylinder are segments, the outline
 // of a sphere is a circle: both move over the surface, but their distance to an image point changes as if they were
-// fixed to it. Coordinates (x, y) are normalised, (X/Z, Y/Z); distances have the same unit. Interaction matrices are for
-// the camera's screw (v, w), with dX/dt = -v - w x X; a pose T <- exp(mu) T is one of mu = -(v, w).
-// All functions are pure.
+// fixed to it. Coordinates (x, y) are normalised, (X/Z, Y/Z); distances have the same unit. Interaction matrices are
+// for the camera's screw (v, w), with dX/dt = -v - w x X; a pose T <- exp(mu) T is one of mu = -(v, w). All functions
+// are pure.
 #pragma once
 
 #include <pocket_ptam/se3.h>
@@ -30,10 +30,10 @@ struct LineContour {
 struct EllipseContour {
   float xg = 0, yg = 0;                // centre
   float mu20 = 0, mu11 = 0, mu02 = 0;  // four times the normalised central moments: semi-axes squared
-  float L[5][6] = {};                       // interaction matrix of xg, yg, mu20, mu11, mu02
+  float L[5][6] = {};                  // interaction matrix of xg, yg, mu20, mu11, mu02
 
-  // The circle with this centre, unit normal n and radius in the camera's frame. False when it is seen edge-on, or is not
-  // an ellipse in the image (not wholly in front of the camera).
+  // The circle with this centre, unit normal n and radius in the camera's frame. False when it is seen edge-on, or is
+  // not an ellipse in the image (not wholly in front of the camera).
   bool set(const Vector3f& centre, const Vector3f& n, float radius);
 
   // d_e of (22), of order length^4.

@@ -13,23 +13,23 @@ namespace {
 constexpr int kFewestPixels = 100;  // of the shorter side in the coarsest level. Not swept
 // Reach of a search along the normal after that of a coarser level, pixels of the level: in the finest one, and before.
 constexpr int kNextRange = 5, kFinestRange = 4;
-constexpr int kIterations = 6;        // of servoing, at most
-constexpr float kSigmaFloor = 0.6f;   // least scale of the robust weights, pixels of the level; 0.3 lets models that are
-                                      // inexact by a pixel jump between subsets of their edges
+constexpr int kIterations = 6;       // of servoing, at most
+constexpr float kSigmaFloor = 0.6f;  // least scale of the robust weights, pixels of the level; 0.3 lets models that are
+                                     // inexact by a pixel jump between subsets of their edges
 // Distance from its contour within which an edge speaks for the pose, level-0 pixels, and pixels of the finest level.
 constexpr float kSupport_px = 2.5f, kSupportOfLevel_px = 1.25f;
 constexpr float kClose_px = 1.5f;  // pixels of the finest level: of sites without a memory
 // The contrast of a level's edges, as a share of that of the next coarser one, under which the level shows only their
 // blur. A sharp edge has the same in all, one blurred over 15 pixels a third in level 0. Not swept.
 constexpr float kSharp = 0.6f;
-// Likeness from which on a site, with its neighbours, looks as it should, and surely does. Not swept; learning the latter
-// in uncertain frames, too, is better than not to.
+// Likeness from which on a site, with its neighbours, looks as it should, and surely does. Not swept; learning the
+// latter in uncertain frames, too, is better than not to.
 constexpr float kAlike = 0.3f, kSure = 0.6f;
 constexpr uint8_t kUnsupported = 0, kSupported = 1, kSurely = 2;
 // Ratio to the frame's usual change of contrast: up to the first an edge is another one, from the second on the same.
 constexpr float kOtherContrast = 0.4f, kSameContrast = 0.7f;
-constexpr int kNeighbours = 3;    // sites on either side along a contour
-constexpr float kAlone = 0.03f;   // share of its likelihood that an edge keeps when its neighbours look unlike theirs
+constexpr int kNeighbours = 3;     // sites on either side along a contour
+constexpr float kAlone = 0.03f;    // share of its likelihood that an edge keeps when its neighbours look unlike theirs
 constexpr float kSuddenly = 0.9f;  // share of the usual sites that a pose must show
 // Share of a frame in the usual number of sites: of more, and of fewer.
 constexpr float kMoreSites = 0.3f, kFewerSites = 0.002f;
@@ -295,7 +295,8 @@ void EdgeMatching::learn(const SE3& T_co, bool certain) {
     view_.make_sites(level, config_.site_spacing_px, velocity_, &sites_);
     for (const ContourSite& site : sites_) {
       const Vector2f px = in_level(site, level);
-      if (supported(site) == kUnsupported || !profile_inside(pyramid_.level[level], px, site.normal, kMatchHalf)) continue;
+      if (supported(site) == kUnsupported || !profile_inside(pyramid_.level[level], px, site.normal, kMatchHalf))
+        continue;
       int16_t profile[kMaxProfile];
       sample_profile(pyramid_.level[level], px, site.normal, kMatchHalf, profile);
       show(site, level, profile, kMatchHalf);

@@ -3,8 +3,8 @@
 //
 //   ModelView::make_sites ─▶ search each ─▶ weigh by contrast and neighbours ─▶ Servoing
 //
-// What the sites have shown is remembered here, for each level and place along a contour. A frame is begun with begin();
-// once its pose is certain, report() says what each site found and learn() remembers it.
+// What the sites have shown is remembered here, for each level and place along a contour. A frame is begun with
+// begin(); once its pose is certain, report() says what each site found and learn() remembers it.
 #pragma once
 
 #include <pocket_ptam/model_tracker.h>
@@ -21,8 +21,8 @@ constexpr int kModelLevels = 3;  // pyramid levels searched, at most: 0 to 2
 // A pose and how well the picture agrees with it.
 struct Hypothesis {
   SE3 T_co;
-  float quality = 0;    // 0 to 1: of the contours that should be visible, how much looks as it did
-  ServoingResult fit;   // in the finest level
+  float quality = 0;   // 0 to 1: of the contours that should be visible, how much looks as it did
+  ServoingResult fit;  // in the finest level
 };
 
 // What is expected of the pose: 1-sigma of a turn about the object's middle, radians, and of a shift of the middle, in

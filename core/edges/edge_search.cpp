@@ -20,8 +20,8 @@ constexpr float kUnlike = 0.05f, kOpposite = 0.02f;
 // Correlation up to which a profile is unlike the remembered one: the best of a texture's edges reach it by chance.
 constexpr float kChance = 0.7f;
 
-constexpr int kFraction = 16;          // bits of fixed-point coordinates
-constexpr int kWeightShift = 12;       // to the 4 bits of bilinear weights
+constexpr int kFraction = 16;     // bits of fixed-point coordinates
+constexpr int kWeightShift = 12;  // to the 4 bits of bilinear weights
 constexpr int kWeightMask = 15;
 
 // Bilinear, in 1/256 grey: the weights sum to 256, so at most 65280. x, y: 16.16 fixed point.

@@ -18,9 +18,9 @@
 
 namespace pptam {
 
-constexpr int kMaskHalf = 2;      // samples on either side of the mask's middle
-constexpr int kMatchHalf = 5;     // of the remembered profile
-constexpr int kMaxRange = 12;     // of a search, on either side
+constexpr int kMaskHalf = 2;   // samples on either side of the mask's middle
+constexpr int kMatchHalf = 5;  // of the remembered profile
+constexpr int kMaxRange = 12;  // of a search, on either side
 constexpr int kMaxProfile = 2 * (kMaxRange + kMatchHalf) + 1;
 constexpr int kMatchSize = 2 * kMatchHalf + 1;
 
@@ -48,8 +48,8 @@ struct SiteMemory {
 
 // How like the remembered profile the part about index i is.
 struct Likeness {
-  // 0 to 1, linear in their zero-mean normalised correlation above what the best of a texture's edges reaches by chance.
-  // Blind to brightness and contrast. 0 where either shows nothing but noise; kUnknown without a memory.
+  // 0 to 1, linear in their zero-mean normalised correlation above what the best of a texture's edges reaches by
+  // chance. Blind to brightness and contrast. 0 where either shows nothing but noise; kUnknown without a memory.
   float shape = 0;
   float contrast = 1;  // ratio of their standard deviations; 1 where shape is 0, and without a memory
 };
@@ -69,8 +69,8 @@ struct EdgeCandidate {
   bool known = false;         // whether there is a memory
 };
 
-// The most likely edges within range of a profile with half = range + kMatchHalf: extrema of the convolution, refined by
-// a parabola; most likely first. Without a memory (not seen) by contrast alone. Returns how many.
+// The most likely edges within range of a profile with half = range + kMatchHalf: extrema of the convolution, refined
+// by a parabola; most likely first. Without a memory (not seen) by contrast alone. Returns how many.
 int find_edges(const int16_t* profile, int range, const SiteMemory& memory, EdgeCandidate (&found)[kMaxCandidates]);
 
 }  // namespace pptam

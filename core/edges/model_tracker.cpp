@@ -1,9 +1,8 @@
-#include <pocket_ptam/model_tracker.h>
-
 #include <algorithm>
 #include <cmath>
 #include <new>
 
+#include <pocket_ptam/model_tracker.h>
 #include "base/containers.h"
 #include "camera/full_frame_rotation.h"
 #include "camera/motion_model.h"
@@ -73,7 +72,8 @@ class PoseSearch {
   }
   // Turn i of kTurns about the object's middle.
   void add_turned(const SE3& T, int i) {
-    const Vector3f turn(static_cast<float>(i % 3 - 1), static_cast<float>(i / 3 % 3 - 1), static_cast<float>(i / 9 - 1));
+    const Vector3f turn(static_cast<float>(i % 3 - 1), static_cast<float>(i / 3 % 3 - 1),
+                        static_cast<float>(i / 9 - 1));
     const float axes = std::max(1.0f, turn.squaredNorm());
     const Matrix3f R = so3_exp(turn * (kStartTurn / std::sqrt(std::sqrt(axes))));
     const Vector3f c = T * matching_.parts().middle();
@@ -176,8 +176,8 @@ ModelTracker::Impl::Impl(Arena& arena, const ModelTrackerConfig& configuration)
 
 PosePrior ModelTracker::Impl::prior_near(const SE3& T) const {
   const float focal = 0.5f * (config.camera.model.fx + config.camera.model.fy);
-  const float turn = std::max(kPriorErrors * std::sqrt(turn_error_sq),
-                              kPriorLeast_px * distance(T) / (focal * parts().extent()));
+  const float turn =
+      std::max(kPriorErrors * std::sqrt(turn_error_sq), kPriorLeast_px * distance(T) / (focal * parts().extent()));
   const float shift = std::max(kPriorErrors * std::sqrt(shift_error_sq), kPriorLeast_px / focal);
   return {T, std::min(turn, PosePrior::kFree), std::min(shift, PosePrior::kFree)};
 }

@@ -43,7 +43,8 @@ Vector3f polygon_normal(const ObjectModel& model, const ModelFace& face) {
 }  // namespace
 
 ModelParts::ModelParts(Arena& arena, const ObjectModel& model)
-    : model_(model), normals_(arena, static_cast<int>(model.faces.size())),
+    : model_(model),
+      normals_(arena, static_cast<int>(model.faces.size())),
       same_point_(arena, static_cast<int>(model.points.size())) {
   size_t sides = model.lines.size();
   for (const ModelFace& face : model.faces) sides += static_cast<size_t>(face.count);
@@ -141,7 +142,9 @@ ModelFeature ModelParts::feature(int contour) const {
 }
 
 ModelView::ModelView(Arena& arena, const ModelParts& parts, const Camera& camera)
-    : parts_(parts), camera_(camera), focal_(0.5f * (camera.model.fx + camera.model.fy)),
+    : parts_(parts),
+      camera_(camera),
+      focal_(0.5f * (camera.model.fx + camera.model.fy)),
       points_(arena, static_cast<int>(parts.model().points.size())),
       image_(arena, static_cast<int>(parts.model().points.size())),
       facing_(arena, static_cast<int>(parts.model().faces.size())),
@@ -153,7 +156,8 @@ ModelView::ModelView(Arena& arena, const ModelParts& parts, const Camera& camera
   for (int i = 0; i <= kSteps; ++i) {
     const float x = static_cast<float>(camera.model.width - 1) * static_cast<float>(i) / kSteps;
     const float y = static_cast<float>(camera.model.height - 1) * static_cast<float>(i) / kSteps;
-    const float right = static_cast<float>(camera.model.width - 1), bottom = static_cast<float>(camera.model.height - 1);
+    const float right = static_cast<float>(camera.model.width - 1),
+                bottom = static_cast<float>(camera.model.height - 1);
     for (const Vector2f& px : {Vector2f(x, 0), Vector2f(x, bottom), Vector2f(0, y), Vector2f(right, y)}) {
       const Vector2f ray = camera.unproject(px);
       x0_ = std::min(x0_, ray.x());
@@ -336,8 +340,8 @@ void ModelView::add_visible(int contour, float min_length_px) {
     EllipseContour ellipse;
     if (!ellipse.set(placed.a, placed.b, placed.radius)) return;
     const float sum = ellipse.mu20 + ellipse.mu02;
-    const float difference = std::sqrt((ellipse.mu20 - ellipse.mu02) * (ellipse.mu20 - ellipse.mu02) +
-                                       4 * ellipse.mu11 * ellipse.mu11);
+    const float difference =
+        std::sqrt((ellipse.mu20 - ellipse.mu02) * (ellipse.mu20 - ellipse.mu02) + 4 * ellipse.mu11 * ellipse.mu11);
     visible.width_px = 2 * focal_ * std::sqrt(std::max(0.5f * (sum - difference), 0.0f));
     constexpr float kTurn = 6.2831853f;
     visible.length_px = kTurn * focal_ * std::sqrt(0.5f * sum);
@@ -426,8 +430,7 @@ void ModelView::add_site(const Visible& visible, const Vector3f& p_c, const Vect
   sites->push_back(site);
 }
 
-void ModelView::make_sites(int level, float spacing, const Vector6f& velocity,
-                           FixedVector<ContourSite>* sites) const {
+void ModelView::make_sites(int level, float spacing, const Vector6f& velocity, FixedVector<ContourSite>* sites) const {
   sites->clear();
   const float unit = static_cast<float>(1 << level);
   float total = 0;

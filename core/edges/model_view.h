@@ -3,8 +3,8 @@
 //   ModelParts   what does not change: sides of faces told apart, joined where two faces share them
 //   ModelView    at one pose: which faces are turned to the camera, the contours in the camera's frame, what hides what
 //
-// A contour has a fixed index: sides and lines first, then two limbs for each cylinder, circles, spheres. Whether a site
-// is hidden is computed for its ray and each occluder's plane; nothing is drawn. Cost: sites times occluders whose
+// A contour has a fixed index: sides and lines first, then two limbs for each cylinder, circles, spheres. Whether a
+// site is hidden is computed for its ray and each occluder's plane; nothing is drawn. Cost: sites times occluders whose
 // bounding box in the image holds the site.
 #pragma once
 
@@ -19,10 +19,10 @@ constexpr int kMaxPoints = 4096, kMaxSides = 4096, kMaxFaces = 2048, kMaxCurved 
 
 // A side of faces, or a line of its own.
 struct ModelSide {
-  int a = 0, b = 0;             // points
-  int face[2] = {-1, -1};       // the first two that have it; -1: none
-  int faces = 0;                // how many have it
-  bool smooth = false;          // two faces meet in it at a small angle: only seen as an outline
+  int a = 0, b = 0;        // points
+  int face[2] = {-1, -1};  // the first two that have it; -1: none
+  int faces = 0;           // how many have it
+  bool smooth = false;     // two faces meet in it at a small angle: only seen as an outline
   float min_length_px = 0;
 };
 
@@ -34,9 +34,9 @@ class ModelParts {
   const ObjectModel& model() const { return model_; }
   std::span<const ModelSide> sides() const { return sides_; }
   std::span<const Vector3f> normals() const { return normals_; }  // of faces, outwards, unit; zero: none
-  int contours() const;           // sides that faces share count once; known once it is built
-  int contours_at_most() const;   // known before
-  int occluders() const;  // at most: faces, cylinders, spheres
+  int contours() const;          // sides that faces share count once; known once it is built
+  int contours_at_most() const;  // known before
+  int occluders() const;         // at most: faces, cylinders, spheres
   ModelFeature feature(int contour) const;
   Vector3f middle() const { return middle_; }  // of the bounding box, object frame
   float extent() const { return extent_; }     // half the bounding box' diagonal
@@ -55,8 +55,8 @@ class ModelParts {
 // A contour in the camera's frame.
 struct PlacedContour {
   bool straight = true;
-  Vector3f a, b;           // ends of a segment; of a circle centre and unit normal
-  Vector3f u, v;           // of a circle: unit vectors that span its plane; sites begin at u and turn to v
+  Vector3f a, b;  // ends of a segment; of a circle centre and unit normal
+  Vector3f u, v;  // of a circle: unit vectors that span its plane; sites begin at u and turn to v
   float radius = 0;
 };
 
@@ -89,15 +89,15 @@ class ModelView {
   struct Visible {
     int contour;
     PlacedContour placed;
-    float from, to;     // part of a segment within the image, in normalised image coordinates along it, 0 to 1
-    float length_px;    // of that part, level 0
-    float width_px;     // smallest extent of a closed contour, level 0
+    float from, to;   // part of a segment within the image, in normalised image coordinates along it, 0 to 1
+    float length_px;  // of that part, level 0
+    float width_px;   // smallest extent of a closed contour, level 0
   };
   struct Occluder {
     int face = -1;  // or a quadrangle or a disc of its own
     bool disc = false;
     Vector2f corner[4] = {Vector2f::Zero(), Vector2f::Zero(), Vector2f::Zero(), Vector2f::Zero()};  // of a quadrangle
-    EllipseContour ellipse;       // of a disc
+    EllipseContour ellipse;                                                                         // of a disc
     Vector3f inverse_depth = Vector3f::Zero();  // 1/Z = this . (x, y, 1)
     float x0 = 0, y0 = 0, x1 = 0, y1 = 0;       // bounding box, normalised
   };
@@ -113,12 +113,12 @@ class ModelView {
 
   const ModelParts& parts_;
   const Camera& camera_;
-  float focal_;                  // level-0 pixels, mean
-  float x0_, y0_, x1_, y1_;      // the image in normalised coordinates, with a small margin
+  float focal_;              // level-0 pixels, mean
+  float x0_, y0_, x1_, y1_;  // the image in normalised coordinates, with a small margin
   SE3 T_co_;
-  FixedVector<Vector3f> points_;    // camera frame
-  FixedVector<Vector2f> image_;     // normalised; of points before the camera
-  FixedVector<uint8_t> facing_;     // faces turned to the camera
+  FixedVector<Vector3f> points_;  // camera frame
+  FixedVector<Vector2f> image_;   // normalised; of points before the camera
+  FixedVector<uint8_t> facing_;   // faces turned to the camera
   FixedVector<Visible> visible_;
   FixedVector<Occluder> occluders_;
 };

@@ -12,10 +12,10 @@ namespace {
 constexpr float kMinPivot = 1e-6f;
 // A step that moves the object's outline less than this, pixels, is the last.
 constexpr float kConverged_px = 0.03f;
-constexpr int kFewest = 6;  // measurements
+constexpr int kFewest = 6;               // measurements
 constexpr float kLeastSigma_px = 0.05f;  // of the covariance: what sub-pixel refinement leaves
-constexpr float kLikely = 0.2f;    // likelihood of an edge that takes part in the scale. Not swept
-constexpr float kMaxTurn = 0.35f;  // radians in one step
+constexpr float kLikely = 0.2f;          // likelihood of an edge that takes part in the scale. Not swept
+constexpr float kMaxTurn = 0.35f;        // radians in one step
 // How much more a site's distance counts than its likelihood when it chooses among its edges: at first the likely, in
 // the end the near. Not swept.
 constexpr float kNearnessFirst = 0.3f, kNearnessLast = 3;
@@ -23,8 +23,11 @@ constexpr float kNearnessFirst = 0.3f, kNearnessLast = 3;
 }  // namespace
 
 Servoing::Servoing(Arena& arena, const ModelView& view, const ModelParts& parts, const Camera& camera, int max_sites)
-    : view_(view), parts_(parts), focal_(0.5f * (camera.model.fx + camera.model.fy)),
-      placed_(arena, max_sites), squared_(arena, max_sites) {}
+    : view_(view),
+      parts_(parts),
+      focal_(0.5f * (camera.model.fx + camera.model.fy)),
+      placed_(arena, max_sites),
+      squared_(arena, max_sites) {}
 
 // Distances from the contours at T_co; each site chooses among its edges.
 void Servoing::measure(const SE3& T_co, float nearness, FixedVector<EdgeMeasurement>* measurements) {
@@ -66,8 +69,8 @@ ServoingResult Servoing::run(const SE3& T_start, const ServoingOptions& options,
   const float last = static_cast<float>(std::max(options.iterations - 1, 1));
   for (int iteration = 0;; ++iteration) {
     const float progress = std::min(static_cast<float>(iteration) / last, 1.0f);
-    const float nearness = (kNearnessFirst + (kNearnessLast - kNearnessFirst) * progress) /
-                           (options.range_px * options.range_px);
+    const float nearness =
+        (kNearnessFirst + (kNearnessLast - kNearnessFirst) * progress) / (options.range_px * options.range_px);
     measure(T, nearness, measurements);
     // The scale is that of likely edges; of all, where these are few.
     int seen = 0;

@@ -4,8 +4,9 @@
 //   T_co <- exp(T_c)^-1 T_co,  T_c = -(D L)^+ D d   [vvs eq. 7]
 //
 // d: distances of the found points from their contours, L their interaction matrices, both of this iteration; D = diag
-// (Tukey's weight times the site's likelihood, eq. 24), on both sides, so that weights count squared. Tukey's scale is the
-// MAD of each iteration. Of several edges that a site has found, each iteration takes the one that is likely and near.
+// (Tukey's weight times the site's likelihood, eq. 24), on both sides, so that weights count squared. Tukey's scale is
+// the MAD of each iteration. Of several edges that a site has found, each iteration takes the one that is likely and
+// near.
 #pragma once
 
 #include <pocket_ptam/camera.h>
@@ -19,30 +20,30 @@ namespace pptam {
 // A site whose search has found something.
 struct EdgeMeasurement {
   uint16_t contour = 0;
-  uint16_t site = 0;       // index of its site
-  uint8_t candidates = 0;  // at least 1
-  uint8_t chosen = 0;      // of these, in the last iteration
+  uint16_t site = 0;             // index of its site
+  uint8_t candidates = 0;        // at least 1
+  uint8_t chosen = 0;            // of these, in the last iteration
   Vector2f ray[kMaxCandidates];  // normalised coordinates of the edges, as a camera at the frame's timestamp sees them
   EdgeCandidate edge[kMaxCandidates];
-  float coherence = 1;     // mean likeness of the best edges of this site and its neighbours along the contour
-  float distance_px = 0;   // result: from the contour, level-0 pixels
-  float weight = 0;        // result: Tukey's, 0 for outliers
+  float coherence = 1;    // mean likeness of the best edges of this site and its neighbours along the contour
+  float distance_px = 0;  // result: from the contour, level-0 pixels
+  float weight = 0;       // result: Tukey's, 0 for outliers
 };
 
 struct ServoingOptions {
   int iterations = 8;
-  float range_px = 8;      // of the search, level-0 pixels
+  float range_px = 8;           // of the search, level-0 pixels
   float sigma_floor_px = 0.3f;  // least scale of the robust weights, level-0 pixels
-  // A prior that holds what edges do not tell: 1-sigma of a turn about the object's middle, radians, and of a shift of the
-  // middle, in its distances, about T_prior.
+  // A prior that holds what edges do not tell: 1-sigma of a turn about the object's middle, radians, and of a shift of
+  // the middle, in its distances, about T_prior.
   SE3 T_prior;
   float prior_turn = 0.5f, prior_shift = 0.5f;
 };
 
 struct ServoingResult {
-  bool ok = false;         // enough edges
+  bool ok = false;  // enough edges
   SE3 T_co;
-  float sigma_px = 0;      // robust scale of the distances, level-0 pixels
+  float sigma_px = 0;  // robust scale of the distances, level-0 pixels
   int inliers = 0;
   Matrix6f covariance = Matrix6f::Zero();  // of mu in T_co <- exp(mu) T_co
 };
@@ -65,7 +66,7 @@ class Servoing {
   const ModelView& view_;
   const ModelParts& parts_;
   float focal_;
-  FixedVector<Placed> placed_;    // by contours that the measurements name, in their order
+  FixedVector<Placed> placed_;  // by contours that the measurements name, in their order
   FixedVector<float> squared_;
   NormalEquations<6> equations_;
 };

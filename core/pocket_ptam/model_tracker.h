@@ -117,9 +117,9 @@ struct ModelResult {
   bool pose_valid = false;  // true only in state kTracking
   bool restarted = false;   // the pose was found anew in this frame
   SE3 T_co;
-  Matrix6f covariance = Matrix6f::Zero();  // of mu in T_co <- exp(mu) T_co, model units and radians
-  float quality = 0;                       // share of the visible contours that look as they should, 0 to 1
-  float error_px = 0;                      // rms distance of inliers from their contours, level-0 pixels
+  Matrix6f covariance = Matrix6f::Zero();       // of mu in T_co <- exp(mu) T_co, model units and radians
+  float quality = 0;                            // share of the visible contours that look as they should, 0 to 1
+  float error_px = 0;                           // rms distance of inliers from their contours, level-0 pixels
   float feature_error_px[kModelFeatures] = {};  // the same by ModelFeature
   int feature_inliers[kModelFeatures] = {};
   int sites_visible = 0;

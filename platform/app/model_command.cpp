@@ -77,11 +77,11 @@ void add_result(const ModelResult& result, ModelLog* log) {
 
 std::vector<SummaryRow> summarise(const ModelLog& log, const ModelFile& model) {
   std::vector<SummaryRow> rows;
-  rows.push_back({"model", format("%zu faces, %zu lines, %zu cylinders, %zu circles, %zu spheres", model.faces.size(),
-                                  model.lines.size(), model.cylinders.size(), model.circles.size(),
-                                  model.spheres.size())});
-  rows.push_back({"frames", format("%d, tracked %d, lost %d, started %d times", log.frames, log.tracked, log.lost,
-                                   log.restarts)});
+  rows.push_back(
+      {"model", format("%zu faces, %zu lines, %zu cylinders, %zu circles, %zu spheres", model.faces.size(),
+                       model.lines.size(), model.cylinders.size(), model.circles.size(), model.spheres.size())});
+  rows.push_back(
+      {"frames", format("%d, tracked %d, lost %d, started %d times", log.frames, log.tracked, log.lost, log.restarts)});
   if (log.tracked > 0) rows.push_back({"quality", format("%.2f on average", log.quality / log.tracked)});
   for (int f = 0; f < kModelFeatures; ++f) {
     if (log.inliers[f] == 0) continue;
@@ -94,15 +94,17 @@ std::vector<SummaryRow> summarise(const ModelLog& log, const ModelFile& model) {
 }
 
 std::string report_page(const std::vector<SummaryRow>& rows, const std::string& command, const std::string& still) {
-  std::string page = html_head("A known object, tracked by its edges") + "<h1>A known object, tracked by its edges</h1>\n";
+  std::string page =
+      html_head("A known object, tracked by its edges") + "<h1>A known object, tracked by its edges</h1>\n";
   page += "<p><code>" + html_escaped(command) + "</code></p>\n<table>\n";
   for (const SummaryRow& row : rows)
     page += "<tr><th>" + html_escaped(row.label) + "</th><td>" + html_escaped(row.value) + "</td></tr>\n";
   page += "</table>\n";
   if (!still.empty()) {
     page += image_tag("image/png", still, "the model over a frame");
-    page += "<p>The model's contours are blue. Edges: red agree with the pose, green were rejected by the robust weights, "
-            "white dots mark sites where nothing looks as it did.</p>\n";
+    page +=
+        "<p>The model's contours are blue. Edges: red agree with the pose, green were rejected by the robust weights, "
+        "white dots mark sites where nothing looks as it did.</p>\n";
   }
   return page + "</body></html>\n";
 }
@@ -185,7 +187,8 @@ class ModelRun {
       std::error_code ignored;
       if (std::filesystem::is_regular_file(beside, ignored)) return beside.string();
     }
-    throw InputError(chosen_.model + ": where is the object in the first frame? Give --initial-pose or --initial-points, " +
+    throw InputError(chosen_.model +
+                     ": where is the object in the first frame? Give --initial-pose or --initial-points, " +
                      "or lay a .pos file of the same name beside the model");
   }
 
@@ -232,7 +235,8 @@ class ModelRun {
     }
     progress.finish();
     if (interrupted()) log_.broken = interruption();
-    if (log_.frames == 0) throw InputError(log_.broken.empty() ? camera_->info().name + ": no frame came" : log_.broken);
+    if (log_.frames == 0)
+      throw InputError(log_.broken.empty() ? camera_->info().name + ": no frame came" : log_.broken);
   }
 
   int write(const std::filesystem::path& place, OutputFolder* folder) {
@@ -299,12 +303,14 @@ Command add_model(CLI::App& program, const std::string& command_line) {
   model->add_option("--camera", chosen->camera, "A device instead of a recording: /dev/video0, libcamera:0")
       ->type_name("CAMERA");
   model->add_option("--readout", chosen->readout, "Rolling shutter of the source, rows|columns:+|-:SECONDS");
-  model->add_option("--initial-pose", chosen->initial_pose,
-                    "Where the object is in the first frame, roughly: .pos or a 4x4 matrix, object to camera "
-                    "[MODEL's name with .pos or .0.pos]")
+  model
+      ->add_option("--initial-pose", chosen->initial_pose,
+                   "Where the object is in the first frame, roughly: .pos or a 4x4 matrix, object to camera "
+                   "[MODEL's name with .pos or .0.pos]")
       ->type_name("FILE");
-  model->add_option("--initial-points", chosen->initial_points,
-                    "Instead: a number n >= 4, then n lines X Y Z u v: points of the object and their pixels")
+  model
+      ->add_option("--initial-points", chosen->initial_points,
+                   "Instead: a number n >= 4, then n lines X Y Z u v: points of the object and their pixels")
       ->type_name("FILE");
   model->add_option("--out", chosen->out, "Folder for the results [out/MODEL-in-SOURCE]")->type_name("DIR");
   model->add_flag("--no-overlay", chosen->no_overlay, "No overlay.mp4 and overlay.png");

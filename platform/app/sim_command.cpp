@@ -94,7 +94,9 @@ CLI::Option* add_sequence_options(CLI::App* sim, SimChoice* chosen) {
       ->type_name("NAME[:VALUE]");
   sim->add_option("--drop", chosen->drop_probability, "Probability that the camera drops a frame [0, or the story's]")
       ->type_name("P");
-  sim->add_option("--dump", chosen->dump, "Only write the sequence, in TUM layout; with scene.cao and scene.pos for pocket-ptam model")->type_name("DIR");
+  sim->add_option("--dump", chosen->dump,
+                  "Only write the sequence, in TUM layout; with scene.cao and scene.pos for pocket-ptam model")
+      ->type_name("DIR");
   return story;
 }
 

@@ -17,8 +17,8 @@
 namespace pptam::platform {
 namespace {
 
-constexpr int kMaxFiles = 64;      // that a model loads, itself included
-constexpr int kMaxDepth = 8;       // of files that load files
+constexpr int kMaxFiles = 64;          // that a model loads, itself included
+constexpr int kMaxDepth = 8;           // of files that load files
 constexpr int64_t kMaxEntries = 4096;  // of a section
 constexpr int kMaxObjVertices = 100000;
 constexpr size_t kMaxModelBytes = size_t{8} << 20;
@@ -32,7 +32,8 @@ class Lines {
     for (size_t begin = 0; begin < text.size(); ++number) {
       const size_t end = std::min(text.find('\n', begin), text.size());
       std::string_view line = std::string_view(text).substr(begin, end - begin);
-      if (line.size() > kMaxLineBytes) throw InputError(format("%s:%d: a line of more than 64 kB", name_.c_str(), number));
+      if (line.size() > kMaxLineBytes)
+        throw InputError(format("%s:%d: a line of more than 64 kB", name_.c_str(), number));
       line = trimmed(line.substr(0, line.find('#')));
       if (!line.empty()) lines_.emplace_back(number, std::string(line));
       begin = end + 1;
@@ -43,7 +44,9 @@ class Lines {
   const std::string& peek() const { return lines_[next_].second; }
   // The next line, which holds `what`.
   const std::string& take(const std::string& what) {
-    if (at_end()) throw InputError(format("%s:%d: the file ends where there should be %s", name_.c_str(), last_line_, what.c_str()));
+    if (at_end())
+      throw InputError(
+          format("%s:%d: the file ends where there should be %s", name_.c_str(), last_line_, what.c_str()));
     return lines_[next_++].second;
   }
   // Of the whole text.
@@ -159,7 +162,8 @@ class CaoReader {
   int count(Lines& lines, const std::string& what) const {
     const std::string text = lines.take("the number of " + what);
     int64_t value = 0;
-    if (!parse_integer(text, &value)) lines.fail("the number of " + what + " is not a whole number: " + in_quotes(text));
+    if (!parse_integer(text, &value))
+      lines.fail("the number of " + what + " is not a whole number: " + in_quotes(text));
     if (value < 0 || value > kMaxEntries) lines.fail(format("the number of %s is not within 0 to 4096", what.c_str()));
     return static_cast<int>(value);
   }
@@ -188,8 +192,8 @@ class CaoReader {
     for (int i = 0; i < points; ++i) {
       const auto words = entry(lines, "point", 3);
       if (words.size() > 3) lines.fail("a point has three numbers");
-      model_.points.push_back(T * Vector3f(number(lines, words[0], "X"), number(lines, words[1], "Y"),
-                                           number(lines, words[2], "Z")));
+      model_.points.push_back(
+          T * Vector3f(number(lines, words[0], "X"), number(lines, words[1], "Y"), number(lines, words[2], "Z")));
     }
     part.points = static_cast<size_t>(points);
     const int segments = count(lines, "lines");
@@ -249,12 +253,14 @@ class CaoReader {
     if (model_.corners.size() > kMaxEntries) lines.fail("more than 4096 sides of faces");
   }
 
-  size_t corner_count(const Lines& lines, const std::vector<std::string_view>& words, const char* what, int least) const {
+  size_t corner_count(const Lines& lines, const std::vector<std::string_view>& words, const char* what,
+                      int least) const {
     int64_t count = 0;
     if (!parse_integer(words[0], &count) || count < least || count > kMaxEntries)
       lines.fail(format("a face needs %d or more %s: %s", least, what, in_quotes(words[0]).c_str()));
     if (words.size() < static_cast<size_t>(count) + 1)
-      lines.fail(format("the face has %zu %s, not the %lld it says", words.size() - 1, what, static_cast<long long>(count)));
+      lines.fail(
+          format("the face has %zu %s, not the %lld it says", words.size() - 1, what, static_cast<long long>(count)));
     return static_cast<size_t>(count);
   }
 
@@ -321,7 +327,8 @@ class CaoReader {
     for (size_t i = 4; i < std::min(open, line.size()); ++i)
       if (line[i] != ' ' && line[i] != '\t') before += line[i];
     if (quote == std::string::npos || before != "(" || line.back() != ')')
-      lines.fail("not load(\"file\") with t=[x; y; z], tu=[rx; ry; rz deg] or R=[9 values] after commas: " + in_quotes(line));
+      lines.fail("not load(\"file\") with t=[x; y; z], tu=[rx; ry; rz deg] or R=[9 values] after commas: " +
+                 in_quotes(line));
     const std::filesystem::path other = file.parent_path() / line.substr(open + 1, quote - open - 1);
     SE3 T_here;
     bool turned = false;
@@ -346,7 +353,8 @@ class CaoReader {
 
   void transform(const Lines& lines, std::string_view key, std::string_view list, SE3* T, bool* turned) const {
     std::string blanks(list);
-    std::replace_if(blanks.begin(), blanks.end(), [](char c) { return c == ';' || c == ','; }, ' ');
+    std::replace_if(
+        blanks.begin(), blanks.end(), [](char c) { return c == ';' || c == ','; }, ' ');
     std::vector<std::string_view> words = words_of(blanks);
     float unit = 1;
     if (key == "tu" && !words.empty() && (words.back() == "deg" || words.back() == "rad")) {
@@ -405,7 +413,8 @@ void read_obj(Lines& lines, ModelFile* model) {
       const auto [place, fresh] = places.emplace(at, static_cast<int>(model->points.size()));
       if (fresh) model->points.emplace_back(at[0], at[1], at[2]);
       vertex.push_back(place->second);
-      if (model->points.size() > kMaxEntries) lines.fail("more than 4096 vertices at different places: simplify the model");
+      if (model->points.size() > kMaxEntries)
+        lines.fail("more than 4096 vertices at different places: simplify the model");
     } else if (words[0] == "f" || words[0] == "l") {
       std::vector<int> corners;
       for (size_t i = 1; i < words.size(); ++i) {
@@ -466,8 +475,8 @@ ModelFile model_of(const std::string& text, const std::filesystem::path& file) {
   Lines lines(text, file);
   if (lines.at_end()) lines.fail_at_end("is empty; a model is a .cao file, V1, or a Wavefront OBJ");
   const std::string first(words_of(lines.peek()).front());
-  const bool obj = first == "v" || first == "o" || first == "g" || first == "mtllib" || first == "vn" || first == "vt" ||
-                   first == "s" || first == "usemtl";
+  const bool obj = first == "v" || first == "o" || first == "g" || first == "mtllib" || first == "vn" ||
+                   first == "vt" || first == "s" || first == "usemtl";
   if (obj) {
     model.files.push_back(file);
     read_obj(lines, &model);
@@ -497,8 +506,8 @@ SE3 read_object_pose(const std::filesystem::path& file) {
       throw InputError(file.string() + ": the 4x4 matrix is not a rotation and a translation");
     T.R = orthonormalised(T.R);
   } else {
-    throw InputError(file.string() + format(": has %zu numbers; a pose is tx ty tz and a rotation vector, or a 4x4 matrix",
-                                            v.size()));
+    throw InputError(file.string() +
+                     format(": has %zu numbers; a pose is tx ty tz and a rotation vector, or a 4x4 matrix", v.size()));
   }
   return T;
 }

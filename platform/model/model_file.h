@@ -29,8 +29,8 @@ struct ModelFile {
 };
 
 // .cao: sections of points, lines, faces from lines, faces from points, cylinders, circles and, our extension, spheres
-// (nSpheres, then radius pCentre); "load" lines before with t=[x; y; z], tu=[rx; ry; rz deg] and R=[9 values]; attributes
-// name=, useLod=, minLineLengthThreshold=, minPolygonAreaThreshold=. The faces' lines must join end to end.
+// (nSpheres, then radius pCentre); "load" lines before with t=[x; y; z], tu=[rx; ry; rz deg] and R=[9 values];
+// attributes name=, useLod=, minLineLengthThreshold=, minPolygonAreaThreshold=. The faces' lines must join end to end.
 // OBJ: v, f and l; coordinates only; sides between faces that meet at less than 30 degrees count only as outlines.
 ModelFile read_model(const std::filesystem::path& file);
 // The same of a file's text. `file` stands for it in errors, and what it loads is sought beside it.

@@ -54,7 +54,8 @@ Vector6d differences(const std::function<double(const Vector6d&)>& f) {
 // The rows are float32 sums of a few terms that partly cancel: 1e-5 of the largest entry would be usual.
 void expect_row(const float (&row)[6], const Vector6d& truth, int trial) {
   const double scale = std::max(1.0, truth.cwiseAbs().maxCoeff());
-  for (int i = 0; i < 6; ++i) EXPECT_NEAR(static_cast<double>(row[i]), truth(i), 3e-4 * scale) << trial << " entry " << i;
+  for (int i = 0; i < 6; ++i)
+    EXPECT_NEAR(static_cast<double>(row[i]), truth(i), 3e-4 * scale) << trial << " entry " << i;
 }
 
 // Distance of (x, y) from the line through two points, its sign that of the normal's direction at rest.
@@ -89,8 +90,8 @@ TEST(Contour, LineDistanceAndItsInteraction) {  // [vvs eq. 16-21]
 
 TEST(Contour, ALineThroughTheCameraHasNoImage) {
   LineContour line;
-  EXPECT_FALSE(line.set(Vector3f(0.1f, 0.2f, 1), Vector3f(0.2f, 0.4f, 2)));    // end-on
-  EXPECT_FALSE(line.set(Vector3f(-1, 0, 1e-5f), Vector3f(1, 0.5f, -1e-5f)));   // in the camera's own plane
+  EXPECT_FALSE(line.set(Vector3f(0.1f, 0.2f, 1), Vector3f(0.2f, 0.4f, 2)));   // end-on
+  EXPECT_FALSE(line.set(Vector3f(-1, 0, 1e-5f), Vector3f(1, 0.5f, -1e-5f)));  // in the camera's own plane
   EXPECT_TRUE(line.set(Vector3f(0.1f, 0.2f, 1), Vector3f(0.2f, 0.4f, 1.9f)));
 }
 
@@ -188,9 +189,9 @@ TEST(Contour, DistanceToAnEllipseIsOneOfLength) {
 
 TEST(Contour, CirclesThatAreNoEllipsesAreRefused) {
   EllipseContour e;
-  EXPECT_FALSE(e.set(Vector3f(0, 0, 1), Vector3f(1, 0, 0), 0.2f));            // edge-on
-  EXPECT_FALSE(e.set(Vector3f(0, 0.1f, 0.3f), Vector3f(0, 1, 0), 0.5f));      // reaches behind the camera
-  EXPECT_FALSE(e.set(Vector3f(0, 0, -1), Vector3f(0, 0, 1), 0.2f));           // behind it
+  EXPECT_FALSE(e.set(Vector3f(0, 0, 1), Vector3f(1, 0, 0), 0.2f));        // edge-on
+  EXPECT_FALSE(e.set(Vector3f(0, 0.1f, 0.3f), Vector3f(0, 1, 0), 0.5f));  // reaches behind the camera
+  EXPECT_FALSE(e.set(Vector3f(0, 0, -1), Vector3f(0, 0, 1), 0.2f));       // behind it
 }
 
 // The outline's rays touch the sphere, and its interaction is that of the moving sphere's own outline.

@@ -32,9 +32,8 @@ Picture edge_picture(const Vector2f& at, const Vector2f& normal, float low, floa
                          static_cast<float>(y) + (static_cast<float>(k / 16) - 7.5f) / 16);
         beyond += normal.dot(p - at) > 0;
       }
-      picture.px[static_cast<size_t>(y * kSize + x)] =
-          static_cast<uint8_t>(std::lround(
-              std::sqrt(low * low + (high * high - low * low) * static_cast<float>(beyond) / 256)));
+      picture.px[static_cast<size_t>(y * kSize + x)] = static_cast<uint8_t>(
+          std::lround(std::sqrt(low * low + (high * high - low * low) * static_cast<float>(beyond) / 256)));
     }
   }
   return picture;

@@ -82,7 +82,8 @@ TEST_F(ModelFiles, TheWholeFormat) {
   EXPECT_EQ(model.faces[0].min_area_px2, 2500);
   EXPECT_EQ(model.faces[0].min_length_px, 50);
   const int square[] = {0, 1, 2, 3};
-  for (int i = 0; i < 4; ++i) EXPECT_EQ(model.corners[static_cast<size_t>(i)], square[i]) << "the second line runs back";
+  for (int i = 0; i < 4; ++i)
+    EXPECT_EQ(model.corners[static_cast<size_t>(i)], square[i]) << "the second line runs back";
   EXPECT_TRUE(model.faces[1].open);
   EXPECT_EQ(model.faces[1].count, 3);
   EXPECT_EQ(model.faces[1].min_area_px2, 0);
@@ -91,7 +92,8 @@ TEST_F(ModelFiles, TheWholeFormat) {
   EXPECT_EQ(model.cylinders[0].radius, 0.25f);
   ASSERT_EQ(model.circles.size(), 1u);
   EXPECT_EQ(model.circles[0].centre, Vector3f(0.5f, 0.5f, 1));
-  EXPECT_GT(model.circles[0].normal.dot(Vector3f(0, -1, 0.5f)), 1.1f) << "its points run counter-clockwise, seen from there";
+  EXPECT_GT(model.circles[0].normal.dot(Vector3f(0, -1, 0.5f)), 1.1f)
+      << "its points run counter-clockwise, seen from there";
   ASSERT_EQ(model.spheres.size(), 1u);
   EXPECT_EQ(model.spheres[0].radius, 0.125f);
   EXPECT_TRUE(model.view().validate().ok());
@@ -99,8 +101,9 @@ TEST_F(ModelFiles, TheWholeFormat) {
 
 TEST_F(ModelFiles, LoadedFilesAreMoved) {
   write("part.cao", "V1\n2\n1 0 0\n0 0 2\n1\n0 1\n0\n0\n0");
-  const ModelFile model = read_model(
-      write("all.cao", "V1\nload(\"part.cao\")\nload(\"part.cao\", t=[0; 0; 5], tu=[0; 0; 90 deg])\n"
+  const ModelFile model =
+      read_model(write("all.cao",
+                       "V1\nload(\"part.cao\")\nload(\"part.cao\", t=[0; 0; 5], tu=[0; 0; 90 deg])\n"
                        "load( \"part.cao\" , R=[0 -1 0; 1 0 0; 0 0 1])\n"));
   ASSERT_EQ(model.points.size(), 6u);
   EXPECT_LT((model.points[2] - Vector3f(0, 1, 5)).norm(), 1e-6f);
@@ -139,10 +142,11 @@ TEST_F(ModelFiles, WrongFilesAreRefusedByLine) {
 }
 
 TEST_F(ModelFiles, WavefrontObj) {
-  const ModelFile model = read_model(write("cube.obj",
-                                           "# a cube\nmtllib x.mtl\no cube\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1 1.0\n"
-                                           "v 1 0 1\nv 1 1 1\nv 0 1 1\nv 0 0 0\nvn 0 0 1\nvt 0 0\ns off\n"
-                                           "f 1/1/1 4/1/1 3/1/1 2/1/1\nf 5//1 6//1 7//1\nf -5 7 8\nf 9 2 6 5\nl 1 7\n"));
+  const ModelFile model =
+      read_model(write("cube.obj",
+                       "# a cube\nmtllib x.mtl\no cube\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1 1.0\n"
+                       "v 1 0 1\nv 1 1 1\nv 0 1 1\nv 0 0 0\nvn 0 0 1\nvt 0 0\ns off\n"
+                       "f 1/1/1 4/1/1 3/1/1 2/1/1\nf 5//1 6//1 7//1\nf -5 7 8\nf 9 2 6 5\nl 1 7\n"));
   EXPECT_EQ(model.points.size(), 8u) << "vertices at the same place are one";
   EXPECT_EQ(model.faces.size(), 4u);
   EXPECT_EQ(model.lines.size(), 1u);
@@ -160,7 +164,8 @@ TEST_F(ModelFiles, PosesAndPoints) {
   EXPECT_LT((matrix.R - pos.R).norm(), 1e-6f);
   EXPECT_THROW(read_object_pose(write("b.txt", "1 2 3\n")), InputError);
   EXPECT_THROW(read_object_pose(write("b.txt", "2 0 0 0 0 2 0 0 0 0 2 0 0 0 0 1\n")), InputError);
-  const SeenPoints seen = read_seen_points(write("a.points", "4\n0 0 0 1 2\n1 0 0 3 4\n1 1 0 5 6 # last\n0 1 0 7 8.5\n"));
+  const SeenPoints seen =
+      read_seen_points(write("a.points", "4\n0 0 0 1 2\n1 0 0 3 4\n1 1 0 5 6 # last\n0 1 0 7 8.5\n"));
   ASSERT_EQ(seen.px.size(), 4u);
   EXPECT_EQ(seen.px[3], Vector2f(7, 8.5f));
   EXPECT_THROW(read_seen_points(write("b.points", "3\n0 0 0 1 2\n1 0 0 3 4\n1 1 0 5 6\n")), InputError);

@@ -9,8 +9,8 @@
 //
 // The sequences are those of Debian's visp-images-data, and model_teabox where PPTAM_MODEL_TEABOX names its folder;
 // without them nothing is studied, and that is said. Errors are the mean distance of the model's projected corners from
-// the truth, or from the same tracker's run on the sequence as it is where there is none. Kept: within 10 px. Lost: over
-// 20 px for five frames.
+// the truth, or from the same tracker's run on the sequence as it is where there is none. Kept: within 10 px. Lost:
+// over 20 px for five frames.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
@@ -169,7 +169,8 @@ double dot_error(const Sequence& sequence, const SE3& T, const GreyPixels& image
       return (f * (n.dot(c) / n.dot(f)) - c).norm() < 1.4f * circle.radius;
     };
     const auto grey = [&](int u, int v) {
-      return static_cast<double>(image.px[static_cast<size_t>(v) * static_cast<size_t>(image.width) + static_cast<size_t>(u)]);
+      return static_cast<double>(
+          image.px[static_cast<size_t>(v) * static_cast<size_t>(image.width) + static_cast<size_t>(u)]);
     };
     for (int v = cy - reach; v <= cy + reach; ++v)
       for (int u = cx - reach; u <= cx + reach; ++u) {
@@ -211,8 +212,8 @@ Box box_of(const Sequence& sequence, const SE3& T) {
 void draw_bar(GreyPixels* image, float x0, float x1, bool textured) {
   for (int y = 0; y < image->height; ++y) {
     for (int x = std::max(0, static_cast<int>(x0)); x < std::min(image->width, static_cast<int>(x1)); ++x) {
-      const unsigned cell = static_cast<unsigned>((x - static_cast<int>(x0)) / 8 * 73856093) ^
-                            static_cast<unsigned>(y / 8 * 19349663);
+      const unsigned cell =
+          static_cast<unsigned>((x - static_cast<int>(x0)) / 8 * 73856093) ^ static_cast<unsigned>(y / 8 * 19349663);
       image->px[static_cast<size_t>(y) * static_cast<size_t>(image->width) + static_cast<size_t>(x)] =
           textured ? static_cast<uint8_t>((cell * 2654435761u) >> 24) : uint8_t{128};
     }
@@ -275,7 +276,9 @@ std::vector<Recipe> recipes(size_t frames) {
       noise(image, sigma, &random);
     };
   };
-  const auto blurred = [](int size) { return [size](GreyPixels* image, size_t, const Box&) { box_blur(image, size); }; };
+  const auto blurred = [](int size) {
+    return [size](GreyPixels* image, size_t, const Box&) { box_blur(image, size); };
+  };
   return {{"clean", 1, nullptr},
           {"every2", 2, nullptr},
           {"every3", 3, nullptr},
@@ -405,7 +408,8 @@ void study_start(const Sequence& sequence, const std::vector<SE3>& truth, int tr
       const Matrix3f R = so3_exp(axis * (degrees * 3.14159265f / 180));
       return SE3(R * T.R, R * (T.t - c) + c);
     });
-    std::printf("%-10s start off by %2.0f degrees: %3.0f %%\n", sequence.name.c_str(), static_cast<double>(degrees), percent);
+    std::printf("%-10s start off by %2.0f degrees: %3.0f %%\n", sequence.name.c_str(), static_cast<double>(degrees),
+                percent);
     std::fflush(stdout);
   }
   for (const float px : {10.0f, 20.0f}) {
@@ -473,9 +477,10 @@ void study_gone(const Sequence& sequence, const std::vector<SE3>& truth) {
     back += back_after >= 0 && back_after <= 15;
     longest = std::max(longest, back_after < 0 ? 99.0 : static_cast<double>(back_after));
   }
-  std::printf("%-10s gone %d times: said within 5 frames %d, back within 15 frames %d (longest %.0f), of %d frames shown %d "
-              "said lost\n",
-              sequence.name.c_str(), gone, noticed, back, longest, shown, false_lost);
+  std::printf(
+      "%-10s gone %d times: said within 5 frames %d, back within 15 frames %d (longest %.0f), of %d frames shown %d "
+      "said lost\n",
+      sequence.name.c_str(), gone, noticed, back, longest, shown, false_lost);
 }
 
 int study(int argc, char** argv) {
@@ -501,7 +506,8 @@ int study(int argc, char** argv) {
     std::vector<SE3> truth = sequence->truth;
     if (truth.empty()) {
       const Outcome clean = run(*sequence, {"clean", 1, nullptr}, {}, verbose);
-      for (const auto& pose : clean.poses) truth.push_back(pose ? *pose : truth.empty() ? sequence->T_start : truth.back());
+      for (const auto& pose : clean.poses)
+        truth.push_back(pose ? *pose : truth.empty() ? sequence->T_start : truth.back());
     }
     if (start) study_start(*sequence, truth, trials);
     if (jitter) study_jitter(*sequence, truth);
@@ -510,10 +516,11 @@ int study(int argc, char** argv) {
     for (const Recipe& recipe : recipes(sequence->images.size())) {
       if (!wanted.empty() && std::find(wanted.begin(), wanted.end(), recipe.name) == wanted.end()) continue;
       const Outcome o = run(*sequence, recipe, truth, verbose);
-      std::printf("%-10s %-12s %3d frames: kept %5.1f %%, error mean %.2f max %.2f px, %.2f degrees; said lost %d "
-                  "(false %d), losses %d noticed %d\n",
-                  name.c_str(), recipe.name.c_str(), o.frames, 100.0 * o.kept / o.frames, o.mean, o.worst, o.degrees,
-                  o.said_lost, o.false_lost, o.losses, o.noticed);
+      std::printf(
+          "%-10s %-12s %3d frames: kept %5.1f %%, error mean %.2f max %.2f px, %.2f degrees; said lost %d "
+          "(false %d), losses %d noticed %d\n",
+          name.c_str(), recipe.name.c_str(), o.frames, 100.0 * o.kept / o.frames, o.mean, o.worst, o.degrees,
+          o.said_lost, o.false_lost, o.losses, o.noticed);
       std::fflush(stdout);
     }
   }

@@ -211,7 +211,8 @@ TEST(ModelTracker, StartsFromPoints) {
       Vector2f at;
       ASSERT_TRUE(camera.project(truth * p, &at));
       points.push_back(p);
-      px.emplace_back(at + Vector2f(static_cast<float>(random.uniform(-1, 1)), static_cast<float>(random.uniform(-1, 1))));
+      px.emplace_back(at +
+                      Vector2f(static_cast<float>(random.uniform(-1, 1)), static_cast<float>(random.uniform(-1, 1))));
     }
     TrackerInMemory tracker(config_of(object, camera));
     ASSERT_TRUE(tracker->start(points, px).ok()) << trial;
@@ -231,7 +232,8 @@ TEST(ModelTracker, SaysThatTheObjectHasGoneAndFindsItAgain) {
   nothing.background = 90;
   TrackerInMemory tracker(config_of(object, camera));
   ASSERT_TRUE(tracker->start(swaying(0)).ok());
-  for (int i = 0; i < 8; ++i) EXPECT_TRUE(tracker.track(object.render(camera, swaying(static_cast<float>(i)))).pose_valid);
+  for (int i = 0; i < 8; ++i)
+    EXPECT_TRUE(tracker.track(object.render(camera, swaying(static_cast<float>(i)))).pose_valid);
   const std::vector<uint8_t> empty = nothing.render(camera, SE3());
   for (int i = 0; i < 10; ++i) {
     const ModelResult r = tracker.track(empty);
@@ -363,9 +365,11 @@ TEST(ModelTracker, AnySequenceOfCallsIsHarmless) {
       return Vector3f(static_cast<float>(random.uniform(-size, size)), static_cast<float>(random.uniform(-size, size)),
                       static_cast<float>(random.uniform(-size, size)));
     };
-    for (int k = random.integer(0, 2); k > 0; --k) object.add_box(any(0.5), any(1).cwiseAbs() + Vector3f::Constant(0.01f));
+    for (int k = random.integer(0, 2); k > 0; --k)
+      object.add_box(any(0.5), any(1).cwiseAbs() + Vector3f::Constant(0.01f));
     for (int k = random.integer(0, 2); k > 0; --k) object.spheres.push_back({any(0.5), 0.3f});
-    for (int k = random.integer(0, 2); k > 0; --k) object.circles.push_back({any(0.5), any(1), 0.3f, random.integer(0, 1) == 1});
+    for (int k = random.integer(0, 2); k > 0; --k)
+      object.circles.push_back({any(0.5), any(1), 0.3f, random.integer(0, 1) == 1});
     if (object.points.size() > 1) object.cylinders.push_back({0, 1, 0.2f, 0});
     if (!object.model().validate().ok()) continue;
     if (random.integer(0, 1)) camera.shutter.line_time_s = 1e-4f;
@@ -383,7 +387,8 @@ TEST(ModelTracker, AnySequenceOfCallsIsHarmless) {
         }
         case 1: {
           const std::vector<Vector3f> points = {any(1), any(1), any(1), any(1)};
-          const std::vector<Vector2f> px = {any(100).head<2>(), any(100).head<2>(), any(100).head<2>(), any(100).head<2>()};
+          const std::vector<Vector2f> px = {any(100).head<2>(), any(100).head<2>(), any(100).head<2>(),
+                                            any(100).head<2>()};
           const Status ignored = tracker->start(points, px);
           (void)ignored;
           break;
@@ -393,7 +398,8 @@ TEST(ModelTracker, AnySequenceOfCallsIsHarmless) {
           break;
         default: {
           const int kind = random.integer(0, 2);
-          for (uint8_t& px : image) px = static_cast<uint8_t>(kind == 0 ? random.integer(0, 255) : kind == 1 ? 128 : px / 2 + 50);
+          for (uint8_t& px : image)
+            px = static_cast<uint8_t>(kind == 0 ? random.integer(0, 255) : kind == 1 ? 128 : px / 2 + 50);
           const ModelResult r = tracker.track(image);
           ASSERT_TRUE(r.status.ok());
           if (!r.pose_valid) break;

@@ -100,7 +100,8 @@ TEST(ModelView, SitesLieAlongTheContours) {
     ASSERT_TRUE(camera.project(site.p_c, &px));
     EXPECT_LT((px - site.px).norm(), 1e-3f);
     const ModelSide& side = viewer.parts().sides()[site.contour];
-    const Vector3f a = T * object.points[static_cast<size_t>(side.a)], b = T * object.points[static_cast<size_t>(side.b)];
+    const Vector3f a = T * object.points[static_cast<size_t>(side.a)],
+                   b = T * object.points[static_cast<size_t>(side.b)];
     EXPECT_LT((site.p_c - a).cross(b - a).norm() / (b - a).norm(), 1e-4f) << "off its line";
     if (i == 0 || sites[i - 1].contour != site.contour) continue;
     const Vector2f step = site.px - sites[i - 1].px;
@@ -130,7 +131,8 @@ TEST(ModelView, HiddenSitesAreLeftOut) {
   test::Random random;
   int shown = 0, near_misses = 0;
   for (int trial = 0; trial < 40; ++trial) {
-    const SE3 T = pose(static_cast<float>(random.uniform(-0.6, 0.6)), static_cast<float>(random.uniform(-0.6, 0.6)), 0.8f);
+    const SE3 T =
+        pose(static_cast<float>(random.uniform(-0.6, 0.6)), static_cast<float>(random.uniform(-0.6, 0.6)), 0.8f);
     const SE3 T_oc = T.inverse();
     for (const ContourSite& site : viewer.sites(T)) {
       ++shown;
@@ -175,7 +177,8 @@ TEST(ModelView, SmoothSidesAreSeenAsOutlinesOnly) {
     int count = 0;
     for (const int contour : viewer.contours(pose(0, 0.1f, 1))) {
       const ModelSide& side = viewer.parts().sides()[static_cast<size_t>(contour)];
-      count += std::abs(object.points[static_cast<size_t>(side.a)].y() - object.points[static_cast<size_t>(side.b)].y()) > 0.1f;
+      count += std::abs(object.points[static_cast<size_t>(side.a)].y() -
+                        object.points[static_cast<size_t>(side.b)].y()) > 0.1f;
     }
     return count;
   };

@@ -1,6 +1,6 @@
-// Images of objects made of faces, cylinders, circles and spheres, by casting rays: what the model-based tracker's tests
-// track, with exact poses. As in a camera each pixel is the mean light of 3x3 rays, encoded by a gamma of 2; a rolling
-// shutter has a pose for each line.
+// Images of objects made of faces, cylinders, circles and spheres, by casting rays: what the model-based tracker's
+// tests track, with exact poses. As in a camera each pixel is the mean light of 3x3 rays, encoded by a gamma of 2; a
+// rolling shutter has a pose for each line.
 #pragma once
 
 #include <algorithm>
@@ -84,7 +84,8 @@ struct RenderedObject {
     }
     for (const ModelSphere& sphere : spheres) {
       const Vector3f m = o - sphere.centre;
-      const float b = m.dot(d), a = d.squaredNorm(), rest = b * b - a * (m.squaredNorm() - sphere.radius * sphere.radius);
+      const float b = m.dot(d), a = d.squaredNorm(),
+                  rest = b * b - a * (m.squaredNorm() - sphere.radius * sphere.radius);
       if (rest >= 0) hit((-b - std::sqrt(rest)) / a, 220);
     }
     for (const ModelCircle& circle : circles) {
@@ -95,7 +96,8 @@ struct RenderedObject {
       const Vector3f from = points[static_cast<size_t>(cylinder.a)], to = points[static_cast<size_t>(cylinder.b)];
       const Vector3f u = (to - from).normalized();
       const Vector3f m = (o - from) - u * u.dot(o - from), e = d - u * u.dot(d);
-      const float a = e.squaredNorm(), b = m.dot(e), rest = b * b - a * (m.squaredNorm() - cylinder.radius * cylinder.radius);
+      const float a = e.squaredNorm(), b = m.dot(e),
+                  rest = b * b - a * (m.squaredNorm() - cylinder.radius * cylinder.radius);
       if (rest < 0) continue;
       const float t = (-b - std::sqrt(rest)) / a;
       const float along = u.dot(o + t * d - from);
