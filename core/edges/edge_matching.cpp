@@ -33,6 +33,7 @@ constexpr float kAlone = 0.03f;    // share of its likelihood that an edge keeps
 constexpr float kSuddenly = 0.9f;  // share of the usual sites that a pose must show
 // Share of a frame in the usual number of sites: of more, and of fewer.
 constexpr float kMoreSites = 0.3f, kFewerSites = 0.002f;
+constexpr float kCoarserSpacing = 1.5f;  // of sites in levels coarser than the finest searched, ratio
 constexpr int kOtherLevels = 4;  // levels that are not searched are looked at every so many frames
 
 }  // namespace
@@ -69,6 +70,11 @@ void EdgeMatching::begin(const Pyramid& pyramid, const Vector6f& velocity) {
   ++frames_;
 }
 
+// Coarser levels only lead to the finest one.
+float EdgeMatching::spacing(int level) const {
+  return config_.site_spacing_px * (level > finest_ ? kCoarserSpacing : 1);
+}
+
 float EdgeMatching::support_px() const {
   return std::max(kSupport_px, kSupportOfLevel_px * static_cast<float>(1 << finest_));
 }
@@ -100,7 +106,7 @@ void EdgeMatching::search(int i, int level, int range) {
 
 ServoingResult EdgeMatching::fit(const SE3& T_co, int level, int range) {
   view_.set_pose(T_co);
-  view_.make_sites(level, config_.site_spacing_px, velocity_, &sites_);
+  view_.make_sites(level, spacing(level), velocity_, &sites_);
   measurements_.clear();
   for (int i = 0; i < sites_.size(); ++i) search(i, level, range);
   weigh_by_contrast();
@@ -199,7 +205,7 @@ float EdgeMatching::quality() const {
 
 float EdgeMatching::evidence(const SE3& T_co, int level) {
   view_.set_pose(T_co);
-  view_.make_sites(level, config_.site_spacing_px, velocity_, &sites_);
+  view_.make_sites(level, spacing(level), velocity_, &sites_);
   if (sites_.empty()) return 0;
   float sum = 0;
   for (const ContourSite& site : sites_) {
@@ -292,7 +298,7 @@ void EdgeMatching::learn(const SE3& T_co, bool certain) {
   for (int level = 0; level <= coarsest_; ++level) {
     if (level == finest_ || (level > finest_ + 1 && frames_ % kOtherLevels != 0)) continue;
     known = std::max(known, level);
-    view_.make_sites(level, config_.site_spacing_px, velocity_, &sites_);
+    view_.make_sites(level, spacing(level), velocity_, &sites_);
     for (const ContourSite& site : sites_) {
       const Vector2f px = in_level(site, level);
       if (supported(site) == kUnsupported || !profile_inside(pyramid_.level[level], px, site.normal, kMatchHalf))

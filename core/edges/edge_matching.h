@@ -42,6 +42,7 @@ class EdgeMatching {
   int coarsest() const { return coarsest_; }
   // The finest level worth searching: 0, and coarser where the image is blurred.
   int finest() const { return finest_; }
+  void set_finest(int level) { finest_ = level; }
 
   void forget();  // all that the sites have shown
   // A new frame. velocity: of T_co, for the rolling shutter (units/s, radians/s). The pyramid must stay alive.
@@ -72,6 +73,7 @@ class EdgeMatching {
   Vector2f in_level(const ContourSite& site, int level) const {
     return {from_level0(site.px.x(), level), from_level0(site.px.y(), level)};
   }
+  float spacing(int level) const;
   float support_px() const;
   float quality() const;
   void search(int site, int level, int range);

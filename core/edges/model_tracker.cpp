@@ -203,10 +203,15 @@ Hypothesis ModelTracker::Impl::start_anew() {
   usual_quality = recent_quality = kUsual;
   turn_error_sq = shift_error_sq = 0;
   matching.set_prior({T_start});
-  const Hypothesis as_told = matching.refine(T_start, std::min(1, matching.coarsest()), kNearRange);
-  PoseSearch search(matching);
-  for (int i = 0; i < kTurns; ++i) search.add_turned(T_start, i);
-  Hypothesis found = search.best(as_told);
+  Hypothesis found;
+  // A blurred image shows its edges in coarser levels only.
+  for (int finest = 0; finest <= matching.coarsest() && !(found.quality >= kStartQuality); ++finest) {
+    matching.set_finest(finest);
+    const Hypothesis as_told = matching.refine(T_start, std::min(finest + 1, matching.coarsest()), kNearRange);
+    PoseSearch search(matching);
+    for (int i = 0; i < kTurns; ++i) search.add_turned(T_start, i);
+    found = search.best(as_told);
+  }
   found.fit.ok = found.fit.ok && found.quality >= kStartQuality;
   T_good = T_carried = T_start;
   state = ModelState::kLost;
