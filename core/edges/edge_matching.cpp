@@ -34,7 +34,7 @@ constexpr float kSuddenly = 0.9f;  // share of the usual sites that a pose must 
 // Share of a frame in the usual number of sites: of more, and of fewer.
 constexpr float kMoreSites = 0.3f, kFewerSites = 0.002f;
 constexpr float kCoarserSpacing = 1.5f;  // of sites in levels coarser than the finest searched, ratio
-constexpr int kOtherLevels = 4;  // levels that are not searched are looked at every so many frames
+constexpr int kOtherLevels = 4;          // levels that are not searched are looked at every so many frames
 
 }  // namespace
 

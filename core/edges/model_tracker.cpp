@@ -32,6 +32,9 @@ constexpr float kBetter = 1.1f;  // by how much the quality of another hypothesi
 // 1-sigma of the prior near a prediction: that many times the rms error of the last predictions, at least that many
 // pixels in the image; 2 pixels hold the pose back in quick motion.
 constexpr float kPriorErrors = 3, kPriorLeast_px = 5;
+// While the last frames' quality is under that share of the usual one much is hidden, and the prior is once the error
+// and so many pixels: few edges are left to hold the pose against those of what hides the object.
+constexpr float kHidden = 0.5f, kPriorHidden_px = 1;
 constexpr float kErrorBlend = 0.1f;  // share of the newest error in their mean square
 // Turns tried in a search for the object: by nothing or so much about each axis, radians.
 constexpr float kStartTurn = 0.18f;
@@ -176,9 +179,10 @@ ModelTracker::Impl::Impl(Arena& arena, const ModelTrackerConfig& configuration)
 
 PosePrior ModelTracker::Impl::prior_near(const SE3& T) const {
   const float focal = 0.5f * (config.camera.model.fx + config.camera.model.fy);
-  const float turn =
-      std::max(kPriorErrors * std::sqrt(turn_error_sq), kPriorLeast_px * distance(T) / (focal * parts().extent()));
-  const float shift = std::max(kPriorErrors * std::sqrt(shift_error_sq), kPriorLeast_px / focal);
+  const bool hidden = recent_quality < kHidden * usual_quality;
+  const float least_px = hidden ? kPriorHidden_px : kPriorLeast_px, errors = hidden ? 1 : kPriorErrors;
+  const float turn = std::max(errors * std::sqrt(turn_error_sq), least_px * distance(T) / (focal * parts().extent()));
+  const float shift = std::max(errors * std::sqrt(shift_error_sq), least_px / focal);
   return {T, std::min(turn, PosePrior::kFree), std::min(shift, PosePrior::kFree)};
 }
 
