@@ -42,7 +42,7 @@ Picture edge_picture(const Vector2f& at, const Vector2f& normal, float low, floa
 TEST(EdgeSearch, FindsAnEdgeWhereItIs) {
   test::Random random;
   double sum_sq = 0;
-  const int trials = 300;
+  const int trials = test::trials(300);
   for (int trial = 0; trial < trials; ++trial) {
     const float angle = static_cast<float>(random.uniform(0, 6.2831853));
     const Vector2f normal(std::cos(angle), std::sin(angle));
