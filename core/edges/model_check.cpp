@@ -8,15 +8,15 @@ namespace pptam {
 
 namespace {
 
-constexpr float kLargest = 1e6f;  // of any number, model units or pixels
-constexpr float kLeast = 1e-6f;   // of a length, model units
+constexpr float kLargestNumber = 1e6f;  // of any number, model units or pixels
+constexpr float kLeast = 1e-6f;         // of a length, model units
 
 Status bad(const char* message) {
   return {StatusCode::kInvalidArgument, message};
 }
 
 bool within_range(const Vector3f& v) {
-  return std::abs(v.x()) <= kLargest && std::abs(v.y()) <= kLargest && std::abs(v.z()) <= kLargest;
+  return std::abs(v.x()) <= kLargestNumber && std::abs(v.y()) <= kLargestNumber && std::abs(v.z()) <= kLargestNumber;
 }
 
 }  // namespace
@@ -35,8 +35,8 @@ Status ObjectModel::validate() const {
     return a >= 0 && b >= 0 && a < count && b < count &&
            (points[static_cast<size_t>(a)] - points[static_cast<size_t>(b)]).squaredNorm() > kLeast * kLeast;
   };
-  const auto positive = [](float v) { return v >= kLeast && v <= kLargest; };
-  const auto threshold = [](float v) { return v >= 0 && v <= kLargest; };
+  const auto positive = [](float v) { return v >= kLeast && v <= kLargestNumber; };
+  const auto threshold = [](float v) { return v >= 0 && v <= kLargestNumber; };
   size_t sides = lines.size();
   for (const ModelLine& line : lines)
     if (!apart(line.a, line.b) || !threshold(line.min_length_px))
@@ -48,8 +48,8 @@ Status ObjectModel::validate() const {
     sides += static_cast<size_t>(face.count);
     if (sides > kMaxSides) return bad("ObjectModel: at most 4096 lines and sides of faces");
     for (int i = 0; i < face.count; ++i) {
-      const int here = corners[static_cast<size_t>(face.first + i)];
-      const int next = corners[static_cast<size_t>(face.first + (i + 1) % face.count)];
+      const int here = corner(face, i);
+      const int next = corner(face, i + 1);
       if (!apart(here, next)) return bad("ObjectModel::faces: neighbouring corners must be points at different places");
     }
     if (!threshold(face.min_area_px2) || !threshold(face.min_length_px))

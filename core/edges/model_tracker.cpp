@@ -51,8 +51,8 @@ Status bad_call(const char* message) {
 }
 
 bool finite_vector(const Vector3f& v) {
-  constexpr float kLargest = 1e6f;
-  return std::abs(v.x()) <= kLargest && std::abs(v.y()) <= kLargest && std::abs(v.z()) <= kLargest;
+  constexpr float kMost = 1e6f;
+  return std::abs(v.x()) <= kMost && std::abs(v.y()) <= kMost && std::abs(v.z()) <= kMost;
 }
 
 // Poses from which the object is sought coarsely; the best few are refined.
@@ -75,8 +75,8 @@ class PoseSearch {
   }
   // Turn i of kTurns about the object's middle.
   void add_turned(const SE3& T, int i) {
-    const Vector3f turn(static_cast<float>(i % 3 - 1), static_cast<float>(i / 3 % 3 - 1),
-                        static_cast<float>(i / 9 - 1));
+    const int x = i % 3 - 1, y = i / 3 % 3 - 1, z = i / 9 - 1;
+    const Vector3f turn(static_cast<float>(x), static_cast<float>(y), static_cast<float>(z));
     const float axes = std::max(1.0f, turn.squaredNorm());
     const Matrix3f R = so3_exp(turn * (kStartTurn / std::sqrt(std::sqrt(axes))));
     const Vector3f c = T * matching_.parts().middle();
@@ -226,7 +226,7 @@ Hypothesis ModelTracker::Impl::start_anew() {
 
 Hypothesis ModelTracker::Impl::track_on(float dt_s) {
   motion.begin_frame(dt_s, true);
-  const Hypothesis found = follow();
+  Hypothesis found = follow();
   weak_frames = found.fit.ok && found.quality >= kWeak * usual_quality ? 0 : weak_frames + 1;
   if (weak_frames >= kWeakFrames) {
     state = ModelState::kLost;

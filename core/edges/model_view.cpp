@@ -69,10 +69,10 @@ ModelParts::ModelParts(Arena& arena, const ObjectModel& model)
     const float length = std::sqrt(normal.squaredNorm());
     normals_.push_back(length > 0 ? Vector3f(normal / length) : Vector3f(Vector3f::Zero()));
     for (int i = 0; i < face.count; ++i) {
-      const int corner = model.corners[static_cast<size_t>(face.first + i)];
+      const int corner = model.corner(face, i);
       include(model.points[static_cast<size_t>(corner)], 0);
       if (i + 1 == face.count && (face.open || face.count == 2)) break;
-      const int next = model.corners[static_cast<size_t>(face.first + (i + 1) % face.count)];
+      const int next = model.corner(face, i + 1);
       add_side(same_point_[corner], same_point_[next], static_cast<int>(f), face.min_length_px);
     }
   }
@@ -218,8 +218,8 @@ void ModelView::place_faces() {
     if (facing && face.min_area_px2 > 0) {
       float area = 0;  // of the projected polygon, twice
       for (int i = 0; i < face.count; ++i) {
-        const Vector2f& p = image_[model.corners[static_cast<size_t>(face.first + i)]];
-        const Vector2f& q = image_[model.corners[static_cast<size_t>(face.first + (i + 1) % face.count)]];
+        const Vector2f& p = image_[model.corner(face, i)];
+        const Vector2f& q = image_[model.corner(face, i + 1)];
         area += p.x() * q.y() - p.y() * q.x();
       }
       facing = 0.5f * std::abs(area) * focal_ * focal_ >= face.min_area_px2;
@@ -237,7 +237,7 @@ void ModelView::add_face_occluder(int f) {
   occluder.x0 = occluder.y0 = INFINITY;
   occluder.x1 = occluder.y1 = -INFINITY;
   for (int i = 0; i < face.count; ++i) {
-    const int corner = model.corners[static_cast<size_t>(face.first + i)];
+    const int corner = model.corner(face, i);
     if (!(points_[corner].z() > 0.01f * parts_.extent())) return;  // reaches behind the camera: hides nothing
     occluder.x0 = std::min(occluder.x0, image_[corner].x());
     occluder.x1 = std::max(occluder.x1, image_[corner].x());
@@ -379,7 +379,7 @@ bool ModelView::inside(const Occluder& occluder, float x, float y) const {
   const ModelFace* face = occluder.face >= 0 ? &model.faces[static_cast<size_t>(occluder.face)] : nullptr;
   const int count = face ? face->count : 4;
   const auto corner = [&](int i) -> const Vector2f& {
-    return face ? image_[model.corners[static_cast<size_t>(face->first + i)]] : occluder.corner[i];
+    return face ? image_[model.corner(*face, i)] : occluder.corner[i];
   };
   bool odd = false;  // crossings of a ray to the right
   const Vector2f* p = &corner(count - 1);

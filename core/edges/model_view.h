@@ -8,6 +8,8 @@
 // bounding box in the image holds the site.
 #pragma once
 
+#include <array>
+
 #include <pocket_ptam/camera.h>
 #include <pocket_ptam/model_tracker.h>
 #include "base/containers.h"
@@ -96,10 +98,11 @@ class ModelView {
   struct Occluder {
     int face = -1;  // or a quadrangle or a disc of its own
     bool disc = false;
-    Vector2f corner[4] = {Vector2f::Zero(), Vector2f::Zero(), Vector2f::Zero(), Vector2f::Zero()};  // of a quadrangle
-    EllipseContour ellipse;                                                                         // of a disc
-    Vector3f inverse_depth = Vector3f::Zero();  // 1/Z = this . (x, y, 1)
-    float x0 = 0, y0 = 0, x1 = 0, y1 = 0;       // bounding box, normalised
+    std::array<Vector2f, 4> corner = {Vector2f::Zero(), Vector2f::Zero(), Vector2f::Zero(),
+                                      Vector2f::Zero()};  // of a quadrangle
+    EllipseContour ellipse;                               // of a disc
+    Vector3f inverse_depth = Vector3f::Zero();            // 1/Z = this . (x, y, 1)
+    float x0 = 0, y0 = 0, x1 = 0, y1 = 0;                 // bounding box, normalised
   };
 
   void place_faces();

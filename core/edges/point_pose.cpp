@@ -132,9 +132,9 @@ bool pose_from_points(const Camera& camera, std::span<const Vector3f> points_o, 
   float least = INFINITY;
   const Matrix3f from = frame_of(p);
   for (int start = 0; start < 27; ++start) {
-    Vector3f l = distance * Vector3f(0.7f + 0.3f * static_cast<float>(start % 3),
-                                     0.7f + 0.3f * static_cast<float>(start / 3 % 3),
-                                     0.7f + 0.3f * static_cast<float>(start / 9));
+    const int near[3] = {start % 3, start / 3 % 3, start / 9};
+    Vector3f l;
+    for (int k = 0; k < 3; ++k) l(k) = distance * (0.7f + 0.3f * static_cast<float>(near[k]));
     if (!solve_distances(f, side_sq, &l)) continue;
     const Vector3f q[3] = {f[0] * l(0), f[1] * l(1), f[2] * l(2)};
     SE3 T;

@@ -9,6 +9,8 @@
 // near.
 #pragma once
 
+#include <array>
+
 #include <pocket_ptam/camera.h>
 #include "base/containers.h"
 #include "edges/edge_search.h"
@@ -20,11 +22,12 @@ namespace pptam {
 // A site whose search has found something.
 struct EdgeMeasurement {
   uint16_t contour = 0;
-  uint16_t site = 0;             // index of its site
-  uint8_t candidates = 0;        // at least 1
-  uint8_t chosen = 0;            // of these, in the last iteration
-  Vector2f ray[kMaxCandidates];  // normalised coordinates of the edges, as a camera at the frame's timestamp sees them
-  EdgeCandidate edge[kMaxCandidates];
+  uint16_t site = 0;       // index of its site
+  uint8_t candidates = 0;  // at least 1
+  uint8_t chosen = 0;      // of these, in the last iteration
+  std::array<Vector2f, kMaxCandidates>
+      ray;  // normalised coordinates of the edges, as a camera at the frame's timestamp sees them
+  std::array<EdgeCandidate, kMaxCandidates> edge;
   float coherence = 1;    // mean likeness of the best edges of this site and its neighbours along the contour
   float distance_px = 0;  // result: from the contour, level-0 pixels
   float weight = 0;       // result: Tukey's, 0 for outliers
@@ -56,19 +59,43 @@ class Servoing {
   ServoingResult run(const SE3& T_start, const ServoingOptions& options, FixedVector<EdgeMeasurement>* measurements);
 
  private:
+  friend class RobustFit<Servoing>;
   struct Placed {
-    bool ok, straight;
+    bool ok = false, straight = true;
     LineContour line;
     EllipseContour ellipse;
   };
-  void measure(const SE3& T_co, float nearness, FixedVector<EdgeMeasurement>* measurements);
+
+  // Interface for RobustFit.
+  bool errors(int iteration);
+  void scale();
+  int residuals() const { return measurements_->size(); }
+  void sum(int from, int to);
+  FitStep step(int iteration);
+
+  void place(int contour);
+  void add_prior();
+  void finish(const Matrix6f& to_mu);
 
   const ModelView& view_;
   const ModelParts& parts_;
-  float focal_;
-  FixedVector<Placed> placed_;  // by contours that the measurements name, in their order
+  float focal_;                 // level-0 pixels, mean
+  FixedVector<Placed> placed_;  // contours at the present pose, in the order in which the measurements name them
   FixedVector<float> squared_;
-  NormalEquations<6> equations_;
+  NormalEquations<6> equations_;  // of the shift of the object's middle, in its distances, and the turn about it
+
+  // State of the run.
+  RobustFit<Servoing> fit_;
+  ServoingOptions options_;
+  FixedVector<EdgeMeasurement>* measurements_ = nullptr;
+  ServoingResult result_;
+  SE3 T_;
+  bool last_ = false;                   // this iteration only weights
+  int seen_ = 0;                        // measurements that have a distance
+  float sigma_px_ = 0;                  // robust scale without its floor
+  Vector3f middle_ = Vector3f::Zero();  // the object's, camera frame
+  float depth_ = 1;                     // its distance
+  float weights_ = 0;                   // sum
 };
 
 }  // namespace pptam

@@ -72,6 +72,9 @@ struct ObjectModel {
   // of many flat pieces. Otherwise every side is an edge.
   bool outlines_of_smooth = false;
 
+  // Corner i of a face, counted round and round: an index of points.
+  int corner(const ModelFace& face, int i) const { return corners.data()[face.first + i % face.count]; }
+
   // Something to track; finite numbers up to 1e6, indices that exist, no segment, axis, normal or radius without length
   // (an extent of at least 1e-6); at most 4096 points, 4096 lines and sides, 2048 faces, 1024 of each other kind.
   Status validate() const;

@@ -29,8 +29,9 @@ namespace {
 
 using namespace platform;
 
-constexpr const char* kVideo = "overlay.mp4";
-const std::vector<std::string> kOutputs = {"trajectory.txt", "frames.csv", "report.html", kVideo, "overlay.png"};
+constexpr const char* kModelVideo = "overlay.mp4";
+const std::vector<std::string> kModelOutputs = {"trajectory.txt", "frames.csv", "report.html", kModelVideo,
+                                                "overlay.png"};
 constexpr const char* kFeatureNames[kModelFeatures] = {"lines", "cylinders", "circles", "spheres"};
 
 struct ModelChoice {
@@ -132,7 +133,7 @@ class ModelRun {
       if (same_place(images, place))
         throw InputError("--out " + place.string() + ": the recording's images are there, name another folder");
     }
-    OutputFolder folder(place, "--out", kOutputs, knowledge_.inputs);
+    OutputFolder folder(place, "--out", kModelOutputs, knowledge_.inputs);
     folder.prepare();
     track_all(folder);
     return write(place, &folder);
@@ -209,7 +210,7 @@ class ModelRun {
   void track_all(const OutputFolder& folder) {
     stop_on_signals();
     if (!chosen_.no_overlay) {
-      draft_ = std::make_unique<Draft>(folder.path(kVideo));
+      draft_ = std::make_unique<Draft>(folder.path(kModelVideo));
       overlay_ = std::make_unique<ModelOverlay>(camera_->info(), view_, draft_->path(), &warnings_);
     }
     Progress progress;
@@ -257,7 +258,7 @@ class ModelRun {
     attempt([&] { folder->write("frames.csv", log_.csv); });
     if (overlay_) {
       attempt([&] {
-        if (overlay_->finish()) folder->keep(kVideo, draft_.get());
+        if (overlay_->finish()) folder->keep(kModelVideo, draft_.get());
       });
       attempt([&] {
         still = overlay_->good_png();

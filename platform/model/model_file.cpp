@@ -168,7 +168,7 @@ class CaoReader {
     return static_cast<int>(value);
   }
   std::vector<std::string_view> entry(Lines& lines, const std::string& what, size_t least) const {
-    const std::vector<std::string_view> words = words_of(lines.take("a " + what));
+    std::vector<std::string_view> words = words_of(lines.take("a " + what));
     if (words.size() < least) lines.fail(format("a %s needs %zu numbers", what.c_str(), least));
     return words;
   }

@@ -22,7 +22,7 @@ constexpr Colour kStone = {0.96, 0.80, 0.45};
 
 // Where the pyramid stands, object frame.
 struct Stand {
-  Vector3f base[4];
+  std::array<Vector3f, 4> base;
   Vector3f apex;
 };
 
@@ -32,9 +32,7 @@ std::optional<Stand> choose_stand(const ObjectModel& model, const SE3& T_co) {
   std::optional<Stand> stand;
   for (const ModelFace& face : model.faces) {
     if (face.count < 3) continue;
-    const auto corner = [&](int i) {
-      return model.points[static_cast<size_t>(model.corners[static_cast<size_t>(face.first + i % face.count)])];
-    };
+    const auto corner = [&](int i) { return model.points[static_cast<size_t>(model.corner(face, i))]; };
     Vector3f middle = Vector3f::Zero(), normal = Vector3f::Zero();
     for (int i = 0; i < face.count; ++i) {
       middle += corner(i) / static_cast<float>(face.count);
