@@ -82,7 +82,7 @@ class PoseSearch {
     const Vector3f c = T * matching_.parts().middle();
     add(SE3(orthonormalised(R * T.R), R * (T.t - c) + c));
   }
-  // The best of them, if it is clearly better than what is known already.
+  // The best of them, or what is known already.
   Hypothesis best(const Hypothesis& known) {
     Hypothesis best;
     for (int i = 0; i < count_; ++i) {
@@ -90,7 +90,7 @@ class PoseSearch {
       tried = matching_.refine(tried.T_co, finer_level(), kNearRange);
       if (tried.fit.ok && tried.quality > best.quality) best = tried;
     }
-    return best.quality > kBetter * known.quality ? best : known;
+    return best.quality > known.quality ? best : known;
   }
 
  private:

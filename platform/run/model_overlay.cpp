@@ -26,8 +26,9 @@ struct Stand {
   Vector3f apex;
 };
 
-// On the face that looks largest to the camera.
-std::optional<Stand> choose_stand(const ObjectModel& model, const SE3& T_co) {
+// On the face that looks largest to the camera, of those with their middle well inside the image.
+std::optional<Stand> choose_stand(const ObjectModel& model, const CameraModel& camera, const SE3& T_co) {
+  const float border = 0.15f * static_cast<float>(std::min(camera.width, camera.height));
   float largest = 0;
   std::optional<Stand> stand;
   for (const ModelFace& face : model.faces) {
@@ -41,7 +42,8 @@ std::optional<Stand> choose_stand(const ObjectModel& model, const SE3& T_co) {
     const float area = normal.norm();
     const Vector3f p = T_co * middle;
     const float seen = -(T_co.R * normal).dot(p) / p.squaredNorm();
-    if (!(seen > largest)) continue;
+    Vector2f px;
+    if (!(seen > largest) || !camera.project(p, &px) || !camera.in_image(px, border)) continue;
     largest = seen;
     const Vector3f n = normal / area;
     const Vector3f u = (corner(1) - corner(0)).normalized(), v = n.cross(u);
@@ -117,7 +119,7 @@ struct ModelOverlay::Impl {
   }
 
   void draw_pyramid(cairo_t* cr, const SE3& T_co) {
-    if (!stand) stand = choose_stand(object, T_co);
+    if (!stand) stand = choose_stand(object, model, T_co);
     if (!stand) return;
     struct Side {
       std::array<Vector3f, 3> corners;
