@@ -92,7 +92,7 @@ struct ModelTrackerConfig {
 
 enum class ModelState : uint8_t {
   kWaiting,   // for start()
-  kTracking,  // T_co is valid
+  kTracking,  // whether this frame has a pose is ModelResult::pose_valid
   kLost       // the pose is unknown; it is sought in every frame, near the last pose and where views are like this one
 };
 

@@ -3,7 +3,7 @@
 #
 #   cmake -DROOT=<source folder> -P include_rules.cmake
 #
-# base <- {image, geometry, scheduler} <- camera <- map <- {tracking, mapping} <- system; camera <- edges. The public headers,
+# base <- {image, geometry, scheduler} <- camera <- map <- {tracking, mapping} <- system; camera <- edges. Public headers,
 # pocket_ptam/, need nothing of all that; what they declare is made of it. Everybody in core sees their values (status,
 # images, poses, cameras, Config, ...), system alone the System. platform and sim_phone see them all and nothing else
 # of core. platform (cameras, files) <- platform/run <- {sim_phone/laboratory, platform/calibrate} <-
@@ -124,6 +124,7 @@ file(WRITE ${sample}/core/tracking/b.cpp "#include <pocket_ptam/config.h>\n#incl
 file(WRITE ${sample}/core/tracking/a.cpp "#include \"map/map.h\"\n  # include \"mapping/mapper.h\"\n#include <cmath>\n")
 file(WRITE ${sample}/core/mapping/a.cpp "#include \"tracking/tracker.h\"\n#include \"mapping/a.h\"\n")
 file(WRITE ${sample}/core/system.cpp "#include \"tracking/tracker.h\"\n#include \"platform/camera.h\"\n")
+file(WRITE ${sample}/core/edges/a.cpp "#include \"camera/small_image.h\"\n#include \"map/map.h\"\n")
 file(WRITE ${sample}/core/image/a.cpp "#include \"image/../map/map.h\"\n")
 file(WRITE ${sample}/platform/a.cpp "#include <pocket_ptam/pocket_ptam.h>\n#include \"map/map.h\"\n")
 file(WRITE ${sample}/platform/app/a.cpp "#include \"sim_phone/scene.h\"\n#include \"platform/app/options.h\"\n")
@@ -140,6 +141,7 @@ file(WRITE ${sample}/core/image/b.cpp "#include \"image/b_sse2.h\"\n")
 file(WRITE ${sample}/core/image/b_sse2.h "#include \"image/b.h\"\n")
 set(expected
     "core/base/a.h includes image/pyramid.h"
+    "core/edges/a.cpp includes map/map.h"
     "core/image/a.cpp includes image/../map/map.h"
     "core/mapping/a.cpp includes tracking/tracker.h"
     "core/pocket_ptam/a.h includes base/b.h"
