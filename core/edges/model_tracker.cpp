@@ -23,7 +23,8 @@ constexpr float kStartQuality = 0.25f;  // of a start: half of the contours have
 constexpr float kUsual = 0.7f;          // quality of a good frame, before there was one
 // Share of a frame in what is usual: of better ones, and of worse ones, because what hides an object is not usual.
 constexpr float kAdopt = 0.3f, kDecline = 0.002f;
-constexpr float kRecent = 0.3f;  // share of a frame in the last frames' quality
+constexpr float kTypical = 0.05f;  // share of a good frame in their mean quality
+constexpr float kRecent = 0.3f;    // share of a frame in the last frames' quality
 // Shares of the last frames' quality and of the usual one under which a wider search is made.
 constexpr float kDoubted = 0.85f, kPoor = 0.5f;
 // Share of the usual quality from which on the pose is certain enough to learn by. With 0.75 too little is learnt.
@@ -147,11 +148,12 @@ struct ModelTracker::Impl {
   ModelState state = ModelState::kWaiting;
   bool starting = false;
   SE3 T_start;
-  float usual_quality = kUsual, recent_quality = kUsual;
-  float turn_error_sq = 0, shift_error_sq = 0;  // of predictions, mean squares by component
-  int weak_frames = 0, lost_frames = 0;         // in a row
-  SE3 T_good;                                   // last good pose
-  SE3 T_carried;                                // the same with the camera's turns since the loss
+  float usual_quality = kUsual, recent_quality = kUsual;  // of good frames, nearly their best; of the last ones
+  float typical_quality = kUsual;                         // of good frames, their mean
+  float turn_error_sq = 0, shift_error_sq = 0;            // of predictions, mean squares by component
+  int weak_frames = 0, lost_frames = 0;                   // in a row
+  SE3 T_good;                                             // last good pose
+  SE3 T_carried;                                          // the same with the camera's turns since the loss
   FixedVector<View> views;
   int views_used = 0, next_view = 0;
 };
@@ -204,7 +206,7 @@ void ModelTracker::Impl::begin_at(const SE3& T) {
 Hypothesis ModelTracker::Impl::start_anew() {
   matching.forget();
   views_used = next_view = 0;
-  usual_quality = recent_quality = kUsual;
+  usual_quality = recent_quality = typical_quality = kUsual;
   turn_error_sq = shift_error_sq = 0;
   matching.set_prior({T_start});
   Hypothesis found;
@@ -299,7 +301,7 @@ Hypothesis ModelTracker::Impl::restart() {
   ++lost_frames;
   Hypothesis found = search.best({});
   if (found.fit.ok) matching.refit(&found);
-  found.fit.ok = found.fit.ok && found.quality >= kBelieved * usual_quality;
+  found.fit.ok = found.fit.ok && found.quality >= kBelieved * typical_quality;
   if (found.fit.ok) begin_at(found.T_co);
   return found;
 }
@@ -336,6 +338,7 @@ void ModelTracker::Impl::conclude(Hypothesis* found, ModelResult* result) {
   matching.learn(found->T_co, quality >= kLearning * usual_quality);
   usual_quality += (quality > usual_quality ? kAdopt : kDecline) * (quality - usual_quality);
   recent_quality += kRecent * (quality - recent_quality);
+  if (quality > kLearning * usual_quality) typical_quality += kTypical * (quality - typical_quality);
   if (quality < kBelieved * usual_quality) return;
   T_good = found->T_co;
   keep_view(T_good);
