@@ -129,8 +129,8 @@ for preset in "${presets[@]}"; do
   targets=() labels=""
   case "$preset" in
     clang | sanitize)
-      targets=(unit_tests kernels_tests map_file_tests bits_tests api_tests edges_tests model_tracker_tests)
-      labels='^(unit|kernels|map_file|bits|api|edges|model_tracker)$'
+      targets=(unit_tests kernels_tests map_file_tests bits_tests api_tests edges_tests)
+      labels='^(unit|kernels|map_file|bits|api|edges)$'
       ;;
     armv6)
       targets=(kernels_tests map_file_tests bits_tests budget_tests edges_tests)
