@@ -6,6 +6,7 @@
 #include <limits>
 #include <numbers>
 
+#include "platform/text.h"
 #include "sim_phone/paint.h"
 #include "sim_phone/random.h"
 
@@ -532,6 +533,24 @@ double first_hit(const Scene& scene, const Vector3d& origin, const Vector3d& dir
     if (u >= 0 && v >= 0 && u <= s.width_m && v <= s.height_m) nearest = depth;
   }
   return nearest;
+}
+
+// Rounded to a micrometre, so that corners in which surfaces meet are the same.
+std::string model_text(const Scene& scene) {
+  std::string points, faces;
+  int count = 0;
+  for (const Surface& s : scene.surfaces) {
+    if (std::max(s.width_m, s.height_m) > kLargestThing_m) continue;
+    const Vector3d u = s.width_m * s.u_axis, v = s.height_m * s.v_axis;
+    for (const Vector3d& corner :
+         {s.origin, Vector3d(s.origin + v), Vector3d(s.origin + v + u), Vector3d(s.origin + u)})
+      points += platform::format("%.6f %.6f %.6f\n", corner.x(), corner.y(), corner.z());
+    faces += platform::format("4 %d %d %d %d\n", 4 * count, 4 * count + 1, 4 * count + 2, 4 * count + 3);
+    ++count;
+  }
+  if (count == 0) return "";
+  return platform::format("V1\n%d\n", 4 * count) + points + "0\n0\n" + platform::format("%d\n", count) + faces +
+         "0\n0\n";
 }
 
 Scene make_scene(const std::string& name, uint64_t seed, const Harshness& harsh) {

@@ -37,6 +37,11 @@ constexpr double kCheckerSquare_m = 0.03;
 // Depth at which the ray origin + depth * direction first meets a surface from its visible side; infinity: nowhere.
 double first_hit(const Scene& scene, const Vector3d& origin, const Vector3d& direction);
 
+// The things of the scene as a model for `pocket-ptam model`, .cao text in the scene's frame: a face for each surface
+// but those longer than kLargestThing_m, the table, floor and walls. Empty: there is no such thing.
+constexpr double kLargestThing_m = 1;
+std::string model_text(const Scene& scene);
+
 // "desk", "boxes", "walls", "checkerboard" (alone, all its squares alike), "plane", "clutter", "sparse", "tiles",
 // "board" (a checkerboard on the desk), "postcards" (two of them on a bare table), "same_tiles" ("tiles" without
 // anything that tells one from another), "front" (an upright board on the desk).

@@ -138,13 +138,14 @@ for preset in "${presets[@]}"; do
   targets=() labels=""
   case "$preset" in
     clang | sanitize)
-      targets=(unit_tests kernels_tests map_file_tests bits_tests api_tests)
-      labels='^(unit|kernels|map_file|bits|api)$'
+      targets=(unit_tests kernels_tests map_file_tests bits_tests api_tests edges_tests)
+      labels='^(unit|kernels|map_file|bits|api|edges)$'
       ;;
     armv6)
-      targets=(kernels_tests map_file_tests bits_tests budget_tests) labels='^(kernels|map_file|bits|budget)$'
+      targets=(kernels_tests map_file_tests bits_tests budget_tests edges_tests)
+      labels='^(kernels|map_file|bits|budget|edges)$'
       ;;
-    armv7 | aarch64) targets=(kernels_tests map_file_tests bits_tests) labels='^(kernels|map_file|bits)$' ;;
+    armv7 | aarch64) targets=(kernels_tests map_file_tests bits_tests edges_tests) labels='^(kernels|map_file|bits|edges)$' ;;
   esac
   if [[ -n "${PPTAM_ALL:-}" && "$preset" =~ ^(arm|aarch) ]]; then
     targets+=(unit_tests) labels="${labels/(/(unit|}"

@@ -26,5 +26,6 @@ Command add_readout(CLI::App& program);
 Command add_calibrate(CLI::App& program, const std::string& command_line);
 Command add_eval(CLI::App& program);
 Command add_map(CLI::App& program);
+Command add_model(CLI::App& program, const std::string& command_line);
 
 }  // namespace pptam::app

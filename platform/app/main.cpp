@@ -53,6 +53,7 @@ int run_program(int argc, char** argv) {
       "  pocket-ptam calibrate views/                     a camera, from views of a checkerboard\n"
       "  pocket-ptam eval trajectory.txt groundtruth.txt  compare two trajectories\n"
       "  pocket-ptam map info desk.map                    what is in a saved map\n"
+      "  pocket-ptam model box.cao clip.mp4 --fov 50 --initial-pose box.pos    a known object, by its edges\n"
       "Each command has its own --help.\n"
       "Exit codes: 0 done; 1 broke midway, a signal ended it or an output could not be written: what came before is\n"
       "written; 2 bad input: nothing was done. The first Ctrl-C (SIGINT, SIGTERM, SIGHUP) ends a run like a recording\n"
@@ -65,7 +66,8 @@ int run_program(int argc, char** argv) {
                                          add_readout(app),
                                          add_calibrate(app, command_line),
                                          add_eval(app),
-                                         add_map(app)};
+                                         add_map(app),
+                                         add_model(app, command_line)};
 
   try {
     app.parse(argc, argv);
@@ -87,7 +89,7 @@ int run_program(int argc, char** argv) {
     if (command.options->parsed()) return command.run();
   }
   throw InputError(
-      "no command given: sim, replay, live, cameras, readout, calibrate, eval or map; see pocket-ptam --help");
+      "no command given: sim, replay, live, cameras, readout, calibrate, eval, map or model; see pocket-ptam --help");
 }
 
 int exit_code_of(int argc, char** argv) {

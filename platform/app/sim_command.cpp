@@ -8,6 +8,7 @@
 #include "platform/app/options.h"
 #include "platform/app/single_run.h"
 #include "platform/camera/dump_sequence.h"
+#include "platform/files.h"
 #include "platform/input_error.h"
 #include "platform/run/console.h"
 #include "platform/run/interruption.h"
@@ -95,7 +96,9 @@ CLI::Option* add_sequence_options(CLI::App* sim, SimChoice* chosen) {
       ->type_name("NAME[:VALUE]");
   sim->add_option("--drop", chosen->drop_probability, "Probability that the camera drops a frame [0, or the story's]")
       ->type_name("P");
-  sim->add_option("--dump", chosen->dump, "Only write the sequence, in TUM layout")->type_name("DIR");
+  sim->add_option("--dump", chosen->dump,
+                  "Only write the sequence, in TUM layout; with scene.cao and scene.pos for pocket-ptam model")
+      ->type_name("DIR");
   return story;
 }
 
@@ -330,7 +333,7 @@ class SimCommand {
     sim::check_phone_options(phone);
     const auto scene = std::make_shared<const sim::Scene>(sim::make_scene(phone));
     const std::unique_ptr<platform::Camera> camera = sim::make_phone_camera(phone, scene);
-    if (!chosen_.dump.empty()) return dump(*camera);
+    if (!chosen_.dump.empty()) return dump(*camera, *scene);
     Knowledge knowledge;
     knowledge.plane_known = sim::ground_plane_known(phone.scene);
     knowledge.judge = [&](const RunLog& log, const Trajectory& truth) {
@@ -343,7 +346,7 @@ class SimCommand {
     return run_and_write(*camera, run_, output_, knowledge, command_line_);
   }
 
-  int dump(platform::Camera& camera) const {
+  int dump(platform::Camera& camera, const sim::Scene& scene) const {
     int frames = 0;
     bool begun = false;
     std::string broken;
@@ -361,10 +364,24 @@ class SimCommand {
       if (!begun) throw;
       broken = error.what();
     }
+    write_model(camera, scene);
     print_line(format("%d images written to ", frames) + chosen_.dump);
     if (broken.empty()) return kExitOk;
     print_error("--dump " + chosen_.dump + ": " + broken + "; the sequence is shorter than it should be");
     return kExitBroken;
+  }
+
+  // The scene's things as scene.cao, and in scene.pos where they are in the first frame.
+  void write_model(const platform::Camera& camera, const sim::Scene& scene) const {
+    const std::string model = sim::model_text(scene);
+    const Trajectory truth = camera.ground_truth();
+    if (model.empty() || truth.empty()) return;
+    write_text_atomically(std::filesystem::path(chosen_.dump) / "scene.cao", model);
+    const Eigen::Matrix4d T_cw = truth.front().T_wc.inverse().matrix();
+    std::string pose;
+    for (int row = 0; row < 4; ++row)
+      pose += format("%.9f %.9f %.9f %.9f\n", T_cw(row, 0), T_cw(row, 1), T_cw(row, 2), T_cw(row, 3));
+    write_text_atomically(std::filesystem::path(chosen_.dump) / "scene.pos", pose);
   }
 
   std::string command_line_;

@@ -22,7 +22,7 @@ namespace {
 constexpr int64_t kNotice_ns = 3'000'000'000;  // how long a line stays on the display
 constexpr int64_t kLongestWait_ns = 5'000'000'000;
 constexpr int64_t kLongestRest_ns = 500'000'000;  // the first picture's, whose drawing compiles shaders
-constexpr const char* kHelp = "t tap   r reset   l lock   s save   p picture   v view   q quit";
+constexpr const char* kHelp = "t tap   r reset   l lock   m mark   s save   p picture   v view   q quit";
 
 int64_t steady_now_ns() {
   return SteadyClock().now_ns();

@@ -3,7 +3,7 @@
 #
 #   cmake -DROOT=<source folder> -P include_rules.cmake
 #
-# base <- {image, geometry, scheduler} <- camera <- map <- {tracking, mapping} <- system. The public headers,
+# base <- {image, geometry, scheduler} <- camera <- map <- {tracking, mapping} <- system; camera <- edges. Public headers,
 # pocket_ptam/, need nothing of all that; what they declare is made of it. Everybody in core sees their values (status,
 # images, poses, cameras, Config, ...), system alone the System. platform and sim_phone see them all and nothing else
 # of core. platform (cameras, files) <- platform/run <- {sim_phone/laboratory, platform/calibrate} <-
@@ -15,7 +15,7 @@
 cmake_minimum_required(VERSION 3.25)
 
 set(API "pocket_ptam/")
-set(VALUES "pocket_ptam/(status|image|se3|camera_model|camera|clock|work_meter|config|track_result|map_info)\\.h")
+set(VALUES "pocket_ptam/(status|image|se3|camera_model|camera|clock|work_meter|config|track_result|map_info|model_tracker)\\.h")
 
 set(ALLOWED_core/pocket_ptam "pocket_ptam/")
 set(ALLOWED_core/base "${VALUES}|base/")
@@ -23,12 +23,13 @@ set(ALLOWED_core/image "${VALUES}|base/|image/")
 set(ALLOWED_core/geometry "${VALUES}|base/|geometry/")
 set(ALLOWED_core/scheduler "${VALUES}|base/|scheduler/")
 set(ALLOWED_core/camera "${VALUES}|base/|image/|geometry/|camera/")
+set(ALLOWED_core/edges "${VALUES}|base/|image/|geometry/|camera/|edges/")
 set(ALLOWED_core/map "${VALUES}|base/|image/|geometry/|scheduler/|camera/|map/")
 set(ALLOWED_core/tracking "${ALLOWED_core/map}|tracking/")
 set(ALLOWED_core/mapping "${ALLOWED_core/map}|mapping/")
 set(ALLOWED_core "${API}|${ALLOWED_core/map}|tracking/|mapping/")
 
-set(BELOW_RUN "${API}|platform/[^/]*$|platform/camera/|platform/display/")
+set(BELOW_RUN "${API}|platform/[^/]*$|platform/camera/|platform/display/|platform/model/")
 set(ALLOWED_platform/app "${API}|platform/|sim_phone/")
 set(ALLOWED_platform/run "${BELOW_RUN}|platform/run/")
 set(ALLOWED_platform/calibrate "${ALLOWED_platform/run}|platform/calibrate/")
@@ -36,7 +37,7 @@ set(ALLOWED_platform "${BELOW_RUN}")
 set(ALLOWED_sim_phone/laboratory "${API}|platform/[^/]*$|platform/run/|sim_phone/")
 set(ALLOWED_sim_phone "${API}|platform/(camera|trajectory|input_error|text)\\.h|platform/camera/image_files\\.h")
 set(ALLOWED_sim_phone "${ALLOWED_sim_phone}|sim_phone/[^/]*$")
-set(FOLDERS core/pocket_ptam core/base core/image core/geometry core/scheduler core/camera core/map core/tracking core/mapping core platform/app
+set(FOLDERS core/pocket_ptam core/base core/image core/geometry core/scheduler core/camera core/edges core/map core/tracking core/mapping core platform/app
     platform/calibrate platform/run platform sim_phone/laboratory sim_phone)
 
 # The name that a file counts under in circles.
@@ -123,6 +124,7 @@ file(WRITE ${sample}/core/tracking/b.cpp "#include <pocket_ptam/config.h>\n#incl
 file(WRITE ${sample}/core/tracking/a.cpp "#include \"map/map.h\"\n  # include \"mapping/mapper.h\"\n#include <cmath>\n")
 file(WRITE ${sample}/core/mapping/a.cpp "#include \"tracking/tracker.h\"\n#include \"mapping/a.h\"\n")
 file(WRITE ${sample}/core/system.cpp "#include \"tracking/tracker.h\"\n#include \"platform/camera.h\"\n")
+file(WRITE ${sample}/core/edges/a.cpp "#include \"camera/small_image.h\"\n#include \"map/map.h\"\n")
 file(WRITE ${sample}/core/image/a.cpp "#include \"image/../map/map.h\"\n")
 file(WRITE ${sample}/platform/a.cpp "#include <pocket_ptam/pocket_ptam.h>\n#include \"map/map.h\"\n")
 file(WRITE ${sample}/platform/app/a.cpp "#include \"sim_phone/scene.h\"\n#include \"platform/app/options.h\"\n")
@@ -139,6 +141,7 @@ file(WRITE ${sample}/core/image/b.cpp "#include \"image/b_sse2.h\"\n")
 file(WRITE ${sample}/core/image/b_sse2.h "#include \"image/b.h\"\n")
 set(expected
     "core/base/a.h includes image/pyramid.h"
+    "core/edges/a.cpp includes map/map.h"
     "core/image/a.cpp includes image/../map/map.h"
     "core/mapping/a.cpp includes tracking/tracker.h"
     "core/pocket_ptam/a.h includes base/b.h"
