@@ -378,7 +378,8 @@ Command add_live(CLI::App& program, const std::string& command_line) {
   add_camera_options(live, chosen.get());
   add_live_options(live, chosen.get());
   live->footer(
-      "Keys: t tap, r reset, l lock or unlock the map, m mark, s save the map, q quit; also as characters through a pipe.\n"
+      "Keys: t tap, r reset, l lock or unlock the map, m mark an end of --length, s save the map, q quit; also as\n"
+      "characters through a pipe.\n"
       "Times are those of CLOCK_MONOTONIC at mid-exposure. What is said meanwhile goes to standard error.\n"
       "Examples:\n"
       "  pocket-ptam live --fov 60                                   the first camera, poses on the terminal\n"
