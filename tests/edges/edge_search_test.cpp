@@ -60,7 +60,8 @@ TEST(EdgeSearch, FindsAnEdgeWhereItIs) {
     sum_sq += static_cast<double>((found[0].offset - offset) * (found[0].offset - offset));
     EXPECT_NEAR(found[0].likelihood, 100.0f / 110, 0.03f) << "of 100 grey values' contrast";
   }
-  EXPECT_LT(std::sqrt(sum_sq / trials), 0.08);
+  // Evenly between -0.13 and 0.13 the rms would be 0.075; that of 30 trials, on ARM, is good to a seventh.
+  EXPECT_LT(std::sqrt(sum_sq / trials), 0.1);
 }
 
 TEST(EdgeSearch, StaysWithinItsRanges) {

@@ -104,7 +104,7 @@ TEST(ModelApi, AnySequenceOfCallsIsHarmless) {
   camera.model.cx = 47.5f;
   camera.model.cy = 31.5f;
   camera.model.prepare();
-  for (int trial = 0; trial < test::trials(300); ++trial) {
+  for (int trial = 0; trial < test::trials(100); ++trial) {
     RenderedObject object;
     const auto any = [&](double size) {
       return Vector3f(static_cast<float>(random.uniform(-size, size)), static_cast<float>(random.uniform(-size, size)),
