@@ -492,8 +492,8 @@ TEST_F(Live, ALengthBetweenTwoMarksIsSetAndRecorded) {
     observer.on_start = [](const CameraInfo&) {};
     observer.say = [&](const std::string& text) { said.push_back(text); };
     observer.key = [&] {
-      if (std::exchange(pressed, camera.next()) == camera.next()) return LiveKey::kNothing;
-      return camera.next() == 2 ? LiveKey::kTap : camera.next() >= 50 ? LiveKey::kMark : LiveKey::kNothing;
+      if (std::exchange(pressed, camera.next()) == camera.next()) return RunKey::kNothing;
+      return camera.next() == 2 ? RunKey::kTap : camera.next() >= 50 ? RunKey::kMark : RunKey::kNothing;
     };
     const RunLog log = run_live(camera, options, observer).log;
     const std::string all = std::accumulate(said.begin(), said.end(), std::string());
@@ -527,14 +527,14 @@ TEST_F(Live, NoPointIsMarkedThatIsNotSeen) {
       gone = gone || holds(text, "reset:") || holds(text, "waiting");
     };
     observer.key = [&] {
-      if (over || camera.next() < 2) return LiveKey::kNothing;
-      if (!std::exchange(tapped, true)) return LiveKey::kTap;
+      if (over || camera.next() < 2) return RunKey::kNothing;
+      if (!std::exchange(tapped, true)) return RunKey::kTap;
       if (gone) {
         over = true;
-        return LiveKey::kMark;
+        return RunKey::kMark;
       }
-      if (camera.next() < 50 || (unplugged && marked)) return LiveKey::kNothing;
-      return marked ? LiveKey::kReset : LiveKey::kMark;
+      if (camera.next() < 50 || (unplugged && marked)) return RunKey::kNothing;
+      return marked ? RunKey::kReset : RunKey::kMark;
     };
     run_live(camera, options, observer);
     const std::string all = std::accumulate(said.begin(), said.end(), std::string());

@@ -434,6 +434,7 @@ TEST(BundleAdjustment, AFinishedMapKeepsItsSize) {
   for (uint64_t trial = 0; trial < 10; ++trial) {
     Problem problem;
     problem.noise = 0.3;
+    problem.keyframes = 18;  // a map that has taken shape
     World world(problem, random.seed() + trial);
     Map& map = world.map();
     const Vector2f middle(119.5f, 159.5f);
