@@ -15,7 +15,8 @@
 // arbitrary (one camera cannot see the scale): the distance from the first view to the farthest view of the start is
 // Config::initial_baseline, unless Config::initial_plane_distance or System::set_length says otherwise. The world's
 // z = 0 is the dominant plane of the first view, or the ground below an upright front; z is up, towards the camera.
-// Poses are T_cw (world to camera), camera x right, y down, z forward, at the frame's timestamp (mid-exposure of the image centre).
+// Poses are T_cw (world to camera), camera x right, y down, z forward, at the frame's timestamp (mid-exposure of the
+// image centre).
 #pragma once
 
 #include <cstddef>
