@@ -25,8 +25,8 @@ constexpr float kRelocalisedInterval_s = 1.0f;
 // many frames that an emulated camera's quick small step is followed late.
 constexpr int kEnoughInliers = 30;
 constexpr float kEnoughPositionSigma = 0.006f;
-// Inliers from which on the map takes nothing from a misfit. In a video of a cube on a table some misfits come just when
-// the map has to grow: of eleven starts one loses 5 % of its frames with 25, none with 32.
+// Inliers from which on the map takes nothing from a misfit. In a video of a cube on a table some misfits come just
+// when the map has to grow: of eleven starts one loses 5 % of its frames with 25, none with 32.
 constexpr int kEnoughToRefuse = 32;
 // Image motion within the exposure, level-0 px, above which points are searched in the coarse level, and the map takes
 // nothing: templates are blurred by as much in level 1 as can still be told apart, most of their width. With 6 in place
