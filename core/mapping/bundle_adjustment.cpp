@@ -105,7 +105,7 @@ Task<> BundleAdjuster::run(int newest, bool velocities, int max_iterations) {
       if (!map_.ready()) {
         hold_initial_scale();
       } else if (newest < 0 && map_.live_count() > kMaxGrowingKeyframes) {
-        note_scale();  // in a local adjustment the fixed keyframes hold it
+        note_scale();  // in a local adjustment fixed keyframes hold it, where they see its points
       }
       commit();
     }

@@ -149,11 +149,11 @@ Task<bool> InitialMap::align_to_ground() {
   points_.clear();
   for (int i = 0; i < map_.points().size(); ++i)
     if (map_.points()[i].id != 0) points_.push_back(static_cast<int16_t>(i));
-  Plane plane = co_await sample_planes(threshold, false);
+  Plane plane = co_await sample_dominant_plane(threshold);
   if (plane.found) plane = co_await refine(plane, threshold);
   if (plane.found && !faces_up(plane)) {
     const float coarse = kGroundThreshold * depth;
-    Plane ground = co_await sample_planes(coarse, true);
+    Plane ground = co_await sample_ground(coarse);
     if (ground.found) ground = co_await refine(ground, coarse);
     const auto share = [&](float of) { return of * static_cast<float>(points_.size()); };
     const Support support = support_of(ground, coarse);
@@ -185,38 +185,55 @@ InitialMap::Support InitialMap::support_of(const Plane& plane, float threshold) 
   return support;
 }
 
-// Among planes through three points, the one with the lowest sum of point distances, each cut off at the threshold. Of
-// a ground: among those that face up, the one with the most points near it, and few below. The points are chosen by a
-// fixed sequence, so that every run and every target finds the same plane.
-Task<InitialMap::Plane> InitialMap::sample_planes(float threshold, bool of_ground) {
+// The next plane through three points, away from the first camera; not found where they lie nearly in a line. The
+// points are chosen by a fixed sequence, so that every run and every target finds the same planes.
+InitialMap::Plane InitialMap::next_plane(uint32_t* state) const {
   const float depth = map_.keyframes()[0].mean_depth;
-  const int count = points_.size();
+  int chosen[3];
+  for (int& i : chosen) {
+    *state = *state * kSequenceFactor + kSequenceIncrement;
+    i = static_cast<int>((*state >> kSequenceShift) % static_cast<uint32_t>(points_.size()));
+  }
+  const Vector3f p = p_1(chosen[0]);
+  const Vector3f cross = (p_1(chosen[1]) - p).cross(p_1(chosen[2]) - p);
+  if (!(cross.norm() > kMinTriangleCross * depth * depth)) return {};
+  const Vector3f n = cross.normalized();
+  const float d = n.dot(p);
+  return d < 0 ? Plane{-n, -d, true} : Plane{n, d, true};
+}
+
+// Among planes through three points, the one with the lowest sum of point distances, each cut off at the threshold.
+Task<InitialMap::Plane> InitialMap::sample_dominant_plane(float threshold) {
   uint32_t state = kSequenceStart;
-  const auto next = [&state](int n) {
-    state = state * kSequenceFactor + kSequenceIncrement;
-    return static_cast<int>((state >> kSequenceShift) % static_cast<uint32_t>(n));
-  };
   Plane best;
   float best_cost = kInfiniteCost;
-  for (int trial = 0; trial < (of_ground ? kGroundTrials : kPlaneTrials); ++trial) {
-    const int i = next(count);
-    const int j = next(count);
-    const int k = next(count);
-    co_await background_.spend(Work::kOther, of_ground ? kSampleInstructions : kTrialInstructions * count);
-    const Vector3f cross = (p_1(j) - p_1(i)).cross(p_1(k) - p_1(i));
-    if (!(cross.norm() > kMinTriangleCross * depth * depth)) continue;
-    const Vector3f n = cross.normalized();
-    Plane plane = {n, n.dot(p_1(i)), true};
+  for (int trial = 0; trial < kPlaneTrials; ++trial) {
+    co_await background_.spend(Work::kOther, kTrialInstructions * points_.size());
+    const Plane plane = next_plane(&state);
+    if (!plane.found) continue;
     float cost = 0;
-    if (of_ground) {
-      if (plane.offset < 0) plane = {-n, -plane.offset, true};
-      if (!faces_up(plane) || !(plane.normal.z() > kMinCosAxis)) continue;
-      const Support support = support_of(plane, threshold);
-      co_await background_.spend(Work::kOther, kTrialInstructions * count);
-      cost = static_cast<float>(support.below) - support.near;
-    } else {
-      for (int m = 0; m < count; ++m) cost += std::min(std::abs(n.dot(p_1(m)) - plane.offset), threshold);
+    for (int m = 0; m < points_.size(); ++m)
+      cost += std::min(std::abs(plane.normal.dot(p_1(m)) - plane.offset), threshold);
+    if (cost < best_cost) {
+      best_cost = cost;
+      best = plane;
     }
+  }
+  co_return best;
+}
+
+// Among planes through three points that face up, the one with the most points near it, and few below.
+Task<InitialMap::Plane> InitialMap::sample_ground(float threshold) {
+  uint32_t state = kSequenceStart;
+  Plane best;
+  float best_cost = kInfiniteCost;
+  for (int trial = 0; trial < kGroundTrials; ++trial) {
+    co_await background_.spend(Work::kOther, kSampleInstructions);
+    const Plane plane = next_plane(&state);
+    if (!plane.found || !faces_up(plane) || !(plane.normal.z() > kMinCosAxis)) continue;
+    const Support support = support_of(plane, threshold);
+    co_await background_.spend(Work::kOther, kTrialInstructions * points_.size());
+    const float cost = static_cast<float>(support.below) - support.near;
     if (cost < best_cost) {
       best_cost = cost;
       best = plane;

@@ -28,18 +28,20 @@ class InitialMap {
     bool found = false;
   };
 
-  Task<bool> locate_views();
-  Task<> measure_velocities();
   // Of the points for a plane, with a distance up to which they lie on it.
   struct Support {
     int on = 0, below = 0;  // below: on the far side, seen from the camera
     float near = 0;         // sum of their nearness, 1 on the plane
   };
 
+  Task<bool> locate_views();
+  Task<> measure_velocities();
   Task<bool> align_to_ground();
   bool faces_up(const Plane& plane) const;
   Support support_of(const Plane& plane, float threshold) const;
-  Task<Plane> sample_planes(float threshold, bool of_ground);
+  Plane next_plane(uint32_t* state) const;
+  Task<Plane> sample_dominant_plane(float threshold);
+  Task<Plane> sample_ground(float threshold);
   Task<Plane> refine(Plane plane, float threshold);
   bool align_to(const Plane& plane, float threshold);
   Vector3f p_1(int i) const;  // position of points_[i] in the first camera's frame

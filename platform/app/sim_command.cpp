@@ -196,10 +196,14 @@ class SimCommand {
     if (chosen_.stories.size() + chosen_.scenes.size() > 1 && !many_scenes)
       throw InputError("several --story or --scene belong to --suite");
     choose_sequence();
-    if (studies_.study == "culling") return run_culling_study();
-    if (studies_.study == "harsh") return run_harsh_study();
+    const auto exit_code = [](bool good) { return good ? kExitOk : kExitBroken; };
+    if (studies_.study == "culling")
+      return exit_code(laboratory::run_culling_study(exploring<laboratory::CullingStudyOptions>(60)));
+    if (studies_.study == "harsh")
+      return exit_code(laboratory::run_harsh_study(exploring<laboratory::HarshStudyOptions>(0)));
+    if (studies_.study == "stretches")
+      return exit_code(laboratory::run_stretch_study(exploring<laboratory::StretchStudyOptions>(24)));
     if (studies_.study == "init") return run_start_study();
-    if (studies_.study == "stretches") return run_stretch_study();
     if (!studies_.study.empty())
       throw InputError("--study " + studies_.study + ": there are init, culling, harsh and stretches");
     if (studies_.many) throw InputError("--seeds and --jobs belong to --suite or --study");
@@ -276,36 +280,17 @@ class SimCommand {
     return laboratory::run_suite(options) == 0 ? kExitOk : kExitBroken;
   }
 
-  int run_culling_study() const {
-    laboratory::CullingStudyOptions options;
+  // Of a study of exploring runs, so long unless another length was asked for; 0: as long as a single run.
+  template <class Options>
+  Options exploring(double duration_s) const {
+    Options options;
     options.scenes = chosen_.scenes;
     options.seeds = studies_.seeds;
     options.jobs = studies_.jobs;
     options.phone = chosen_.phone;
-    if (!chosen_.duration_s) options.phone.duration_s = 60;
+    if (!chosen_.duration_s && duration_s > 0) options.phone.duration_s = duration_s;
     options.run = run_;
-    return laboratory::run_culling_study(options) ? kExitOk : kExitBroken;
-  }
-
-  int run_harsh_study() const {
-    laboratory::HarshStudyOptions options;
-    options.scenes = chosen_.scenes;
-    options.seeds = studies_.seeds;
-    options.jobs = studies_.jobs;
-    options.phone = chosen_.phone;
-    options.run = run_;
-    return laboratory::run_harsh_study(options) ? kExitOk : kExitBroken;
-  }
-
-  int run_stretch_study() const {
-    laboratory::StretchStudyOptions options;
-    options.scenes = chosen_.scenes;
-    options.seeds = studies_.seeds;
-    options.jobs = studies_.jobs;
-    options.phone = chosen_.phone;
-    if (!chosen_.duration_s) options.phone.duration_s = 24;
-    options.run = run_;
-    return laboratory::run_stretch_study(options) ? kExitOk : kExitBroken;
+    return options;
   }
 
   int run_start_study() const {

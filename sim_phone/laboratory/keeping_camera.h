@@ -1,4 +1,4 @@
-// Keeps what another camera delivers, so that it can be seen again, with other information if need be.
+// Keeps what another camera delivers, so that it can be seen again, with other information or pictures if need be.
 #pragma once
 
 #include <cstdint>
@@ -18,6 +18,7 @@ class KeepingCamera : public platform::Camera {
   const platform::CameraInfo& info() const override { return info_; }
   platform::Trajectory ground_truth() const override { return camera_->ground_truth(); }
   platform::CameraEvent wait(Frame* frame, int64_t deadline_ns) override {
+    if (next_ == end_) return platform::CameraEvent::kEnd;
     if (next_ == kept_.size()) {
       const platform::CameraEvent event = camera_->wait(frame, deadline_ns);
       if (event != platform::CameraEvent::kFrame) return event;
@@ -29,7 +30,19 @@ class KeepingCamera : public platform::Camera {
     ++next_;
     return platform::CameraEvent::kFrame;
   }
-  void again() { next_ = 0; }  // from the first frame
+  // From the first frame, to the end or only so many.
+  void again(size_t frames = SIZE_MAX) {
+    next_ = 0;
+    end_ = frames;
+  }
+  // Keeps all that follow, unseen.
+  void keep_all() {
+    for (Frame frame; read(&frame);) continue;
+    again();
+  }
+  size_t count() const { return kept_.size(); }
+  const Frame& frame(size_t i) const { return kept_[i].frame; }       // its data is not valid
+  std::vector<uint8_t>& pixels(size_t i) { return kept_[i].pixels; }  // of one kept: rows of frame(i).stride_bytes
   // Likewise; the shutter told is global from now on.
   void again_as_global() {
     again();
@@ -44,7 +57,7 @@ class KeepingCamera : public platform::Camera {
   std::unique_ptr<platform::Camera> camera_;
   platform::CameraInfo info_;
   std::vector<Kept> kept_;
-  size_t next_ = 0;
+  size_t next_ = 0, end_ = SIZE_MAX;
 };
 
 }  // namespace pptam::laboratory

@@ -4,9 +4,8 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
-#include <cstdio>
 #include <map>
-#include <memory>
+#include <optional>
 #include <utility>
 
 #include "platform/input_error.h"
@@ -17,7 +16,7 @@
 #include "platform/run/statistics.h"
 #include "platform/text.h"
 #include "sim_phone/hand.h"
-#include "sim_phone/laboratory/judgement.h"
+#include "sim_phone/laboratory/keeping_camera.h"
 #include "sim_phone/random.h"
 
 namespace pptam::laboratory {
@@ -33,53 +32,38 @@ constexpr uint64_t kForeignSeed = 1000;            // added, for the other scene
 constexpr std::array kKinds = {"none", "shuffled", "shifted", "zoomed", "frozen", "backwards", "foreign"};
 enum Kind : uint8_t { kNothing, kShuffled, kShifted, kZoomed, kFrozen, kBackwards, kForeign };
 
-struct KeptFrame {
-  Frame frame;
-  std::vector<uint8_t> pixels;  // rows of frame.width
-};
-
-std::vector<KeptFrame> all_frames(platform::Camera* camera) {
-  std::vector<KeptFrame> kept;
-  for (Frame frame; camera->read(&frame);) {
-    KeptFrame one{frame, {}};
-    for (int y = 0; y < frame.height; ++y) {
-      const uint8_t* row = frame.data + static_cast<ptrdiff_t>(y) * frame.stride_bytes;
-      one.pixels.insert(one.pixels.end(), row, row + frame.width);
-    }
-    one.frame.stride_bytes = frame.width;
-    kept.push_back(std::move(one));
-  }
-  return kept;
-}
+using Pixels = std::vector<uint8_t>;
 
 // Shifted round the edges, as by a stabiliser that jumps.
-std::vector<uint8_t> shifted(const KeptFrame& from, int dx, int dy) {
-  const int width = from.frame.width, height = from.frame.height;
-  std::vector<uint8_t> pixels(from.pixels.size());
-  for (int y = 0; y < height; ++y) {
-    for (int x = 0; x < width; ++x) {
-      pixels[static_cast<size_t>(y * width + x)] =
-          from.pixels[static_cast<size_t>((y + dy + height) % height * width + (x + dx + width) % width)];
+Pixels shifted(const Pixels& from, const Frame& frame, int dx, int dy) {
+  Pixels pixels(from.size());
+  for (int y = 0; y < frame.height; ++y) {
+    const int from_y = (y + dy + frame.height) % frame.height;
+    for (int x = 0; x < frame.width; ++x) {
+      const int from_x = (x + dx + frame.width) % frame.width;
+      pixels[static_cast<size_t>(y * frame.stride_bytes + x)] =
+          from[static_cast<size_t>(from_y * frame.stride_bytes + from_x)];
     }
   }
   return pixels;
 }
 
 // Magnified about its middle.
-std::vector<uint8_t> zoomed(const KeptFrame& from, double factor) {
-  const int width = from.frame.width, height = from.frame.height;
-  std::vector<uint8_t> pixels(from.pixels.size());
-  for (int y = 0; y < height; ++y) {
-    for (int x = 0; x < width; ++x) {
-      const double u = 0.5 * (width - 1) + (x - 0.5 * (width - 1)) / factor;
-      const double v = 0.5 * (height - 1) + (y - 0.5 * (height - 1)) / factor;
-      const int x0 = std::clamp(static_cast<int>(u), 0, width - 2), y0 = std::clamp(static_cast<int>(v), 0, height - 2);
+Pixels zoomed(const Pixels& from, const Frame& frame, double factor) {
+  Pixels pixels(from.size());
+  const double middle_x = 0.5 * (frame.width - 1), middle_y = 0.5 * (frame.height - 1);
+  for (int y = 0; y < frame.height; ++y) {
+    for (int x = 0; x < frame.width; ++x) {
+      const double u = middle_x + (x - middle_x) / factor, v = middle_y + (y - middle_y) / factor;
+      const int x0 = std::clamp(static_cast<int>(u), 0, frame.width - 2);
+      const int y0 = std::clamp(static_cast<int>(v), 0, frame.height - 2);
       const auto at = [&](int dx, int dy) {
-        return static_cast<double>(from.pixels[static_cast<size_t>((y0 + dy) * width + x0 + dx)]);
+        return static_cast<double>(from[static_cast<size_t>((y0 + dy) * frame.stride_bytes + x0 + dx)]);
       };
       const double a = u - x0, b = v - y0;
       const double grey = (1 - b) * ((1 - a) * at(0, 0) + a * at(1, 0)) + b * ((1 - a) * at(0, 1) + a * at(1, 1));
-      pixels[static_cast<size_t>(y * width + x)] = static_cast<uint8_t>(std::lround(std::clamp(grey, 0.0, 255.0)));
+      pixels[static_cast<size_t>(y * frame.stride_bytes + x)] =
+          static_cast<uint8_t>(std::lround(std::clamp(grey, 0.0, 255.0)));
     }
   }
   return pixels;
@@ -114,66 +98,48 @@ double scale_change_percent(const std::vector<MapPointInfo>& before, const std::
   return 100 * (percentile(ratios, 0.5) - 1);
 }
 
-// Frames [from, to) are spoiled; their times stay.
-void spoil(Kind kind, size_t from, size_t to, const std::vector<KeptFrame>& foreign, sim::Random* random,
-           std::vector<KeptFrame>* frames) {
-  const std::vector<KeptFrame> good(frames->begin() + static_cast<ptrdiff_t>(from),
-                                    frames->begin() + static_cast<ptrdiff_t>(to));
+// Frames [from, to) are spoiled; their times stay. foreign: only for kForeign.
+void spoil(Kind kind, size_t from, size_t to, KeepingCamera* foreign, sim::Random* random, KeepingCamera* camera) {
+  std::vector<Pixels> good;
+  for (size_t i = from; i < to; ++i) good.push_back(camera->pixels(i));
   std::vector<size_t> order(good.size());
   for (size_t i = 0; i < order.size(); ++i) order[i] = i;
   for (size_t i = order.size(); i > 1; --i) {
     std::swap(order[i - 1], order[static_cast<size_t>(random->integer(0, static_cast<int>(i) - 1))]);
   }
-  const int width = good.front().frame.width, height = good.front().frame.height;
+  const int width = camera->info().model.width, height = camera->info().model.height;
   const int dx = random->integer(-width / 3, width / 3), dy = random->integer(-height / 3, height / 3);
   const double zoom = random->uniform(1.15, 2);
   const double ramp_s = random->uniform(0, 1);  // of the shift or zoom, until it is whole
   for (size_t i = 0; i < good.size(); ++i) {
-    std::vector<uint8_t>& pixels = (*frames)[from + i].pixels;
-    const double since_s = 1e-9 * static_cast<double>(good[i].frame.timestamp_ns - good.front().frame.timestamp_ns);
+    const Frame& frame = camera->frame(from + i);
+    Pixels& pixels = camera->pixels(from + i);
+    const double since_s = 1e-9 * static_cast<double>(frame.timestamp_ns - camera->frame(from).timestamp_ns);
     const double share = since_s < ramp_s ? since_s / ramp_s : 1;
     switch (kind) {
       case kNothing:
         break;
       case kShuffled:
-        pixels = good[order[i]].pixels;
+        pixels = good[order[i]];
         break;
       case kShifted:
-        pixels = shifted(good[i], static_cast<int>(share * dx), static_cast<int>(share * dy));
+        pixels = shifted(good[i], frame, static_cast<int>(share * dx), static_cast<int>(share * dy));
         break;
       case kZoomed:
-        pixels = zoomed(good[i], std::pow(zoom, share));
+        pixels = zoomed(good[i], frame, std::pow(zoom, share));
         break;
       case kFrozen:
-        pixels = good.front().pixels;
+        pixels = good.front();
         break;
       case kBackwards:
-        pixels = good[good.size() - 1 - i].pixels;
+        pixels = good[good.size() - 1 - i];
         break;
       case kForeign:
-        pixels = foreign[std::min(from + i, foreign.size() - 1)].pixels;
+        pixels = foreign->pixels(std::min(from + i, foreign->count() - 1));
         break;
     }
   }
 }
-
-class KeptCamera : public platform::Camera {
- public:
-  KeptCamera(const platform::CameraInfo& info, std::vector<KeptFrame> frames)
-      : info_(info), frames_(std::move(frames)) {}
-  const platform::CameraInfo& info() const override { return info_; }
-  platform::CameraEvent wait(Frame* frame, int64_t) override {
-    if (next_ == frames_.size()) return platform::CameraEvent::kEnd;
-    *frame = frames_[next_].frame;
-    frame->data = frames_[next_++].pixels.data();
-    return platform::CameraEvent::kFrame;
-  }
-
- private:
-  platform::CameraInfo info_;
-  std::vector<KeptFrame> frames_;
-  size_t next_ = 0;
-};
 
 void judge_after(const RunLog& log, const platform::Trajectory& truth, double from_s, double to_s, StretchRun* run) {
   platform::Trajectory before, after;
@@ -225,33 +191,33 @@ StretchRun run_stretch(const sim::PhoneOptions& phone, const RunOptions& options
     throw platform::InputError(format("a run with a bad stretch takes %g s or more", kMinStretchRun_s));
   const auto kind = static_cast<Kind>(found - kKinds.begin());
   sim::Random random(phone.seed, 90 + kind);
-  const std::unique_ptr<platform::Camera> camera = sim::make_phone_camera(phone);
-  const platform::Trajectory truth = camera->ground_truth();
-  std::vector<KeptFrame> frames = all_frames(camera.get()), foreign;
+  KeepingCamera camera(sim::make_phone_camera(phone));
+  const platform::Trajectory truth = camera.ground_truth();
+  camera.keep_all();
+  std::optional<KeepingCamera> foreign;
   if (kind == kForeign) {
     sim::PhoneOptions other = phone;
     other.seed += kForeignSeed;
     other.scene = phone.scene == "boxes" ? "desk" : "boxes";
-    foreign = all_frames(sim::make_phone_camera(other).get());
+    foreign.emplace(sim::make_phone_camera(other));
+    foreign->keep_all();
   }
   const double begin_s = random.uniform(kEarliest_s, kLatest_s);
-  const int64_t first_ns = frames.front().frame.timestamp_ns;
+  const auto seconds = [&](size_t i) { return 1e-9 * static_cast<double>(camera.frame(i).timestamp_ns); };
   const auto index_at = [&](double t_s) {
-    const auto at = std::find_if(frames.begin(), frames.end(), [&](const KeptFrame& kept) {
-      return 1e-9 * static_cast<double>(kept.frame.timestamp_ns - first_ns) >= t_s;
-    });
-    return static_cast<size_t>(at - frames.begin());
+    size_t i = 0;
+    while (i + 1 < camera.count() && seconds(i) - seconds(0) < t_s) ++i;
+    return i;
   };
   const size_t from = index_at(begin_s), to = index_at(begin_s + kStretch_s);
-  const double from_s = 1e-9 * static_cast<double>(frames[from].frame.timestamp_ns);
-  const double to_s = 1e-9 * static_cast<double>(frames[to - 1].frame.timestamp_ns);
+  const double from_s = seconds(from), to_s = seconds(to - 1);
   // The same bits up to there.
   const auto ignore = [](const platform::CameraInfo&) {};
-  KeptCamera beginning(camera->info(), {frames.begin(), frames.begin() + static_cast<ptrdiff_t>(from)});
-  const RunLog until = run_sequence(beginning, options, ignore, nullptr);
-  spoil(kind, from, to, foreign, &random, &frames);
-  KeptCamera spoiled(camera->info(), std::move(frames));
-  const RunLog log = run_sequence(spoiled, options, ignore, nullptr);
+  camera.again(from);
+  const RunLog until = run_sequence(camera, options, ignore, nullptr);
+  spoil(kind, from, to, foreign ? &*foreign : nullptr, &random, &camera);
+  camera.again();
+  const RunLog log = run_sequence(camera, options, ignore, nullptr);
   StretchRun run;
   run.name = phone.scene + ", " + kind_name + ", seed " + std::to_string(phone.seed);
   judge_after(log, truth, from_s, to_s, &run);
