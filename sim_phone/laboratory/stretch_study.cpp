@@ -29,10 +29,15 @@ constexpr double kEarliest_s = 9, kLatest_s = 13;  // when it begins: the map is
 constexpr double kMaxScaleChange_percent = 1;      // wanted
 constexpr int kSettledMeasurements = 3;            // of a point that tells the map's scale
 constexpr uint64_t kForeignSeed = 1000;            // added, for the other scene's frames
-constexpr std::array kKinds = {"none", "shuffled", "shifted", "zoomed", "frozen", "backwards", "foreign"};
-enum Kind : uint8_t { kNothing, kShuffled, kShifted, kZoomed, kFrozen, kBackwards, kForeign };
+constexpr std::array kStretches = {"none", "shuffled", "shifted", "zoomed", "frozen", "backwards", "foreign"};
+// In the same order.
+enum Stretch : uint8_t { kNothing, kShuffled, kShifted, kZoomed, kFrozen, kBackwards, kForeign };
 
 using Pixels = std::vector<uint8_t>;
+
+size_t index_of(const Frame& frame, int x, int y) {
+  return static_cast<size_t>(y) * static_cast<size_t>(frame.stride_bytes) + static_cast<size_t>(x);
+}
 
 // Shifted round the edges, as by a stabiliser that jumps.
 Pixels shifted(const Pixels& from, const Frame& frame, int dx, int dy) {
@@ -41,8 +46,7 @@ Pixels shifted(const Pixels& from, const Frame& frame, int dx, int dy) {
     const int from_y = (y + dy + frame.height) % frame.height;
     for (int x = 0; x < frame.width; ++x) {
       const int from_x = (x + dx + frame.width) % frame.width;
-      pixels[static_cast<size_t>(y * frame.stride_bytes + x)] =
-          from[static_cast<size_t>(from_y * frame.stride_bytes + from_x)];
+      pixels[index_of(frame, x, y)] = from[index_of(frame, from_x, from_y)];
     }
   }
   return pixels;
@@ -57,13 +61,10 @@ Pixels zoomed(const Pixels& from, const Frame& frame, double factor) {
       const double u = middle_x + (x - middle_x) / factor, v = middle_y + (y - middle_y) / factor;
       const int x0 = std::clamp(static_cast<int>(u), 0, frame.width - 2);
       const int y0 = std::clamp(static_cast<int>(v), 0, frame.height - 2);
-      const auto at = [&](int dx, int dy) {
-        return static_cast<double>(from[static_cast<size_t>((y0 + dy) * frame.stride_bytes + x0 + dx)]);
-      };
+      const auto at = [&](int dx, int dy) { return static_cast<double>(from[index_of(frame, x0 + dx, y0 + dy)]); };
       const double a = u - x0, b = v - y0;
       const double grey = (1 - b) * ((1 - a) * at(0, 0) + a * at(1, 0)) + b * ((1 - a) * at(0, 1) + a * at(1, 1));
-      pixels[static_cast<size_t>(y * frame.stride_bytes + x)] =
-          static_cast<uint8_t>(std::lround(std::clamp(grey, 0.0, 255.0)));
+      pixels[index_of(frame, x, y)] = static_cast<uint8_t>(std::lround(std::clamp(grey, 0.0, 255.0)));
     }
   }
   return pixels;
@@ -86,8 +87,8 @@ double scale_change_percent(const std::vector<MapPointInfo>& before, const std::
   const auto middle = [](const std::vector<Eigen::Vector3d>& points) {
     Eigen::Vector3d m;
     for (int i = 0; i < 3; ++i) {
-      std::vector<double> values;
-      for (const Eigen::Vector3d& p : points) values.push_back(p[i]);
+      std::vector<double> values(points.size());
+      for (size_t k = 0; k < points.size(); ++k) values[k] = points[k][i];
       m[i] = percentile(values, 0.5);
     }
     return m;
@@ -99,7 +100,7 @@ double scale_change_percent(const std::vector<MapPointInfo>& before, const std::
 }
 
 // Frames [from, to) are spoiled; their times stay. foreign: only for kForeign.
-void spoil(Kind kind, size_t from, size_t to, KeepingCamera* foreign, sim::Random* random, KeepingCamera* camera) {
+void spoil(Stretch kind, size_t from, size_t to, KeepingCamera* foreign, sim::Random* random, KeepingCamera* camera) {
   std::vector<Pixels> good;
   for (size_t i = from; i < to; ++i) good.push_back(camera->pixels(i));
   std::vector<size_t> order(good.size());
@@ -181,15 +182,15 @@ void judge_after(const RunLog& log, const platform::Trajectory& truth, double fr
 StretchRun::StretchRun() : scale_percent(kNone), largest_percent(kNone) {}
 
 std::vector<std::string> stretch_kinds() {
-  return {kKinds.begin(), kKinds.end()};
+  return {kStretches.begin(), kStretches.end()};
 }
 
 StretchRun run_stretch(const sim::PhoneOptions& phone, const RunOptions& options, const std::string& kind_name) {
-  const auto found = std::find(kKinds.begin(), kKinds.end(), kind_name);
-  if (found == kKinds.end()) throw platform::InputError("there is no stretch named " + kind_name);
+  const auto found = std::find(kStretches.begin(), kStretches.end(), kind_name);
+  if (found == kStretches.end()) throw platform::InputError("there is no stretch named " + kind_name);
   if (phone.duration_s < kMinStretchRun_s)
     throw platform::InputError(format("a run with a bad stretch takes %g s or more", kMinStretchRun_s));
-  const auto kind = static_cast<Kind>(found - kKinds.begin());
+  const auto kind = static_cast<Stretch>(found - kStretches.begin());
   sim::Random random(phone.seed, 90 + kind);
   KeepingCamera camera(sim::make_phone_camera(phone));
   const platform::Trajectory truth = camera.ground_truth();
@@ -243,12 +244,12 @@ bool run_stretch_study(const StretchStudyOptions& options) {
           format("--study stretches: give it %g seconds or more (--duration)", kMinStretchRun_s));
   }
   stop_on_signals();
-  std::vector<StretchRun> all(scenes.size() * kKinds.size() * seeds);
+  std::vector<StretchRun> all(scenes.size() * kStretches.size() * seeds);
   const std::vector<bool> done = run_jobs(options.jobs, all.size(), [&](size_t i) {
     sim::PhoneOptions phone = options.phone;
-    phone.scene = scenes[i / seeds / kKinds.size()];
+    phone.scene = scenes[i / seeds / kStretches.size()];
     phone.seed = 1 + i % seeds;
-    all[i] = run_stretch(phone, options.run, kKinds[i / seeds % kKinds.size()]);
+    all[i] = run_stretch(phone, options.run, kStretches[i / seeds % kStretches.size()]);
     return all[i].name;
   });
 
@@ -262,7 +263,7 @@ bool run_stretch_study(const StretchStudyOptions& options) {
     missing += !done[i];
     const StretchRun& run = all[i];
     not_begun += done[i] && !run.begun;
-    if (!done[i] || i / seeds % kKinds.size() == kNothing || !run.begun) continue;
+    if (!done[i] || i / seeds % kStretches.size() == kNothing || !run.begun) continue;
     scale_missed += !(std::abs(run.scale_percent) <= kMaxScaleChange_percent);  // no map is left: likewise
     wrong_runs += run.wrong_good > 0;
     if (std::abs(run.scale_percent) > kMaxScaleChange_percent || run.wrong_good > 0 || std::isnan(run.scale_percent)) {
@@ -276,11 +277,11 @@ bool run_stretch_study(const StretchStudyOptions& options) {
     print_line("");
   }
   std::vector<std::vector<std::string>> kinds;
-  for (size_t kind = 0; kind < kKinds.size(); ++kind) {
+  for (size_t kind = 0; kind < kStretches.size(); ++kind) {
     std::vector<double> scales, tracked, largest;
     int runs = 0, wrong = 0, judged = 0;
     for (size_t i = 0; i < all.size(); ++i) {
-      if (!done[i] || i / seeds % kKinds.size() != kind || !all[i].begun) continue;
+      if (!done[i] || i / seeds % kStretches.size() != kind || !all[i].begun) continue;
       ++runs;
       if (!std::isnan(all[i].scale_percent)) scales.push_back(std::abs(all[i].scale_percent));
       tracked.push_back(all[i].tracked_percent);
@@ -288,7 +289,7 @@ bool run_stretch_study(const StretchStudyOptions& options) {
       wrong += all[i].wrong_good;
       judged += all[i].judged;
     }
-    kinds.push_back({kKinds[kind], format("%d", runs), cell("%.2f", percentile(scales, 0.5)),
+    kinds.push_back({kStretches[kind], format("%d", runs), cell("%.2f", percentile(scales, 0.5)),
                      cell("%.2f", percentile(scales, 1)), format("%d of %d", wrong, judged),
                      cell("%.1f", percentile(tracked, 0.5)), cell("%.0f", percentile(tracked, 0)),
                      cell("%.1f", percentile(largest, 0.5)), cell("%.1f", percentile(largest, 1))});
