@@ -22,7 +22,7 @@ Command add_sim(CLI::App& program, const std::string& command_line);
 Command add_replay(CLI::App& program, const std::string& command_line);
 Command add_live(CLI::App& program, const std::string& command_line);
 Command add_cameras(CLI::App& program);
-Command add_readout(CLI::App& program);
+Command add_readout(CLI::App& program, const std::string& command_line);
 Command add_calibrate(CLI::App& program, const std::string& command_line);
 Command add_eval(CLI::App& program);
 Command add_map(CLI::App& program);

@@ -63,7 +63,7 @@ int run_program(int argc, char** argv) {
                                          add_replay(app, command_line),
                                          add_live(app, command_line),
                                          add_cameras(app),
-                                         add_readout(app),
+                                         add_readout(app, command_line),
                                          add_calibrate(app, command_line),
                                          add_eval(app),
                                          add_map(app),

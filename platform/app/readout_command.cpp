@@ -1,22 +1,26 @@
-// pocket-ptam readout: finds a recording's rolling shutter by trying: the recording is tracked under many assumptions,
-// and the one under which the tracked frames' points fit best is it. Frames tell more than the finished map's objective
-// (System::map_fit, printed beside): there are many more frames than keyframes.
+// pocket-ptam readout: a camera's rolling shutter, and its field of view, from any recording. The recording is tracked
+// once under what is assumed; what the points' tracks say of the camera (platform/calibrate/camera_fit.h) is assumed
+// next, until it stays (camera_search.h).
 
-#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
-#include <exception>
+#include <filesystem>
 #include <memory>
+#include <numbers>
+#include <optional>
 #include <utility>
 #include <vector>
 
 #include "platform/app/commands.h"
 #include "platform/app/options.h"
+#include "platform/app/single_run.h"
+#include "platform/calibrate/camera_fit_report.h"
+#include "platform/calibrate/camera_search.h"
+#include "platform/camera/frame_transform.h"
 #include "platform/camera/recorded_camera.h"
+#include "platform/outputs.h"
 #include "platform/run/console.h"
 #include "platform/run/interruption.h"
-#include "platform/run/jobs.h"
 #include "platform/run/names.h"
 #include "platform/run/run.h"
 #include "platform/text.h"
@@ -25,199 +29,181 @@ namespace pptam::app {
 namespace {
 
 using namespace platform;
+using Axis = RollingShutter::Axis;
 
-struct ReadoutOptions {
-  RecordingInput input;
-  RecordingOptions recording;
-  RunOptions run;
-  std::string axes = "both";  // rows, columns or both
-  int jobs = 1;
-};
-
-constexpr int kSteps = 4;               // of the readout in either direction, up to the time between two frames
-constexpr int kRounds = 2;              // of halving the step round the best
-constexpr double kWorthSaying = 0.97;   // of a global shutter's reprojection error
-constexpr double kSmoothedSteps = 4.5;  // of the last size, round the best, whose trials tell where the minimum lies
-constexpr double kMinTracked = 0.8;     // of the best trial's tracked share, to count at all
-
-struct Trial {
-  RollingShutter::Axis axis = RollingShutter::Axis::kRows;
-  double seconds = 0;
-  double tracked = 0;
-  MapFit fit;
-  double reprojection_px = 0;  // of all tracked frames, rms
-  std::string trouble;
-};
-
-std::string option_for(const Trial& trial) {
-  return readout_text(trial.axis, trial.seconds);
-}
-
-Trial attempt(const ReadoutOptions& options, RollingShutter::Axis axis, double seconds) {
-  Trial trial;
-  trial.axis = axis;
-  trial.seconds = seconds;
-  platform::RecordingOptions recording = options.recording;
-  recording.readout_axis = axis;
-  recording.readout_s = seconds;
-  try {
-    const std::unique_ptr<platform::Camera> camera = platform::open_recording(recording, nullptr);
-    const RunLog log = run_sequence(
-        *camera, options.run, [](const platform::CameraInfo&) {}, nullptr);
-    trial.trouble = log.broken;
-    if (log.first_tracked() != nullptr)
-      trial.tracked = static_cast<double>(log.trajectory().size()) / static_cast<double>(log.frames.size());
-    trial.fit = log.map_fit;
-    trial.reprojection_px = log.reprojection_px();
-  } catch (const std::exception& error) {
-    trial.trouble = error.what();
-  }
-  return trial;
-}
-
-void run_trials(const ReadoutOptions& options, std::vector<Trial>* trials) {
-  const std::vector<bool> done = run_jobs(options.jobs, trials->size(), [&](size_t i) {
-    Trial& trial = (*trials)[i];
-    trial = attempt(options, trial.axis, trial.seconds);
-    return "tried " + option_for(trial);
-  });
-  std::vector<Trial> whole;
-  for (size_t i = 0; i < trials->size(); ++i) {
-    if (done[i]) whole.push_back(std::move((*trials)[i]));
-  }
-  *trials = std::move(whole);
-}
-
-// Null: no trial counts. A map that lives for a moment may fit anything.
-const Trial* best_of(const std::vector<Trial>& trials) {
-  double tracked = 0;
-  for (const Trial& trial : trials) tracked = std::max(tracked, trial.tracked);
-  const Trial* best = nullptr;
-  for (const Trial& trial : trials) {
-    if (trial.fit.measurements == 0 || trial.tracked < kMinTracked * tracked) continue;
-    if (best == nullptr || trial.reprojection_px < best->reprojection_px) best = &trial;
-  }
-  return best;
-}
-
-// Minimum of the parabola through the trials up to kSmoothedSteps steps from the best one, s, within a step of it: one
-// trial's luck weighs less. The best one's where these are fewer than four, or the parabola opens downwards.
-double smoothed_minimum(const std::vector<Trial>& trials, const Trial& best, double step_s) {
-  Eigen::Matrix3d A = Eigen::Matrix3d::Zero();
-  Eigen::Vector3d b = Eigen::Vector3d::Zero();
-  int count = 0;
-  for (const Trial& trial : trials) {
-    const double x = (trial.seconds - best.seconds) / step_s;
-    if ((trial.axis != best.axis && trial.seconds != 0) || std::abs(x) > kSmoothedSteps ||
-        trial.fit.measurements == 0 || trial.tracked < kMinTracked * best.tracked)
-      continue;
-    const Eigen::Vector3d row(1, x, x * x);
-    A += row * row.transpose();
-    b += row * trial.reprojection_px;
-    ++count;
-  }
-  if (count < 4) return best.seconds;
-  const Eigen::Vector3d c = A.ldlt().solve(b);
-  if (!(c[2] > 0)) return best.seconds;
-  return best.seconds + step_s * std::clamp(-c[1] / (2 * c[2]), -1.0, 1.0);
-}
-
-// Whether the recording was whole; all trials read the same one.
-bool report_trouble(const Trial& best) {
-  if (best.trouble.empty()) return true;
-  print_error(best.trouble + "; what came before it was tracked");
-  return false;
-}
-
-// Prints each trial and what to write for --readout. False when too few trials gave a map, or the recording broke off.
-bool find_readout(const ReadoutOptions& options) {
-  std::vector<std::string> warnings;
-  const double frames_per_s = options.input.open(options.recording, &warnings)->info().frames_per_s;
-  stop_on_signals();
-  double step_s = (frames_per_s > 0 ? 1 / frames_per_s : 1.0 / 30) / kSteps;
-  std::vector<Trial> trials;
-  for (const RollingShutter::Axis axis : {RollingShutter::Axis::kRows, RollingShutter::Axis::kColumns}) {
-    if (options.axes != "both" && options.axes != name_of(axis)) continue;
-    for (int i = -kSteps; i <= kSteps; ++i) {
-      if (i == 0 && !trials.empty() && axis == RollingShutter::Axis::kColumns)
-        continue;  // a global shutter has no axis
-      Trial& trial = trials.emplace_back();
-      trial.axis = axis;
-      trial.seconds = i * step_s;
-    }
-  }
-  run_trials(options, &trials);
-  for (int round = 0; round < kRounds; ++round) {
-    const Trial* best = best_of(trials);
-    if (best == nullptr || interrupted()) break;
-    step_s *= 0.5;
-    std::vector<Trial> finer(2);
-    finer[0].axis = finer[1].axis = best->axis;
-    finer[0].seconds = best->seconds - step_s;
-    finer[1].seconds = best->seconds + step_s;
-    run_trials(options, &finer);
-    trials.insert(trials.end(), finer.begin(), finer.end());
-  }
-  std::stable_sort(trials.begin(), trials.end(), [](const Trial& a, const Trial& b) {
-    return a.axis != b.axis ? a.axis < b.axis : a.seconds < b.seconds;
-  });
-  std::vector<std::vector<std::string>> cells;
-  for (const Trial& trial : trials) {
-    cells.push_back({option_for(trial), format("%.1f", 100 * trial.tracked),
-                     trial.fit.measurements > 0 ? format("%.5f", trial.fit.cost) : "-",
-                     format("%d", trial.fit.measurements), format("%.3f", trial.reprojection_px)});
-    if (!trial.trouble.empty()) cells.back().push_back(trial.trouble);
-  }
-  print_table({"readout", "tracked %", "objective", "measurements", "frames' px"}, cells);
-  if (interrupted()) {
-    print_error(interruption() + " before all trials were made; the best of those above may not be the best of all");
-    return false;
-  }
-  const Trial* best = best_of(trials);
-  if (best == nullptr) {
-    std::printf("\nno trial gave a map: see that the recording starts with pocket-ptam replay (--tap, --fov)\n");
-    return false;
-  }
-  for (const Trial& trial : trials) {
-    if (trial.seconds == 0 && best->reprojection_px > kWorthSaying * trial.reprojection_px) {
-      std::printf("\nno shutter fits clearly better than a global one: move faster, in all directions\n");
-      return report_trouble(*best);
-    }
-  }
-  std::printf("\nbest: --readout %s, to about %.1f ms\n",
-              readout_text(best->axis, smoothed_minimum(trials, *best, step_s)).c_str(), 1000 * step_s);
-  return report_trouble(*best);
-}
+constexpr double kGuessedFov_degrees = 60;  // where nothing is known and it is to be found
+const std::vector<std::string> kOutputs = {"report.html"};
 
 struct ReadoutChoice {
   RecordingInput input;
   RunOptions run;
   std::string axes = "both";
-  int jobs = 1;
+  std::vector<std::string> estimates = {"readout"};
+  std::string out;
+
+  bool estimates_focal() const { return std::find(estimates.begin(), estimates.end(), "fov") != estimates.end(); }
+  bool estimates_readout() const { return std::find(estimates.begin(), estimates.end(), "readout") != estimates.end(); }
 };
+
+// The recording tracked under what is assumed of its camera.
+TrackedClip track(RecordingOptions recording, const RunOptions& run, const CameraAssumption& assumed) {
+  recording.focal_factor = assumed.focal_factor;
+  recording.shutter = assumed.shutter;
+  const std::unique_ptr<platform::Camera> camera = open_recording(recording, nullptr);
+  Progress progress;
+  TrackedClip clip = track_clip(*camera, run, [&](const RunLog& so_far) {
+    progress.show(so_far.source_frames, so_far.camera.frame_count.value_or(0), "tracking");
+  });
+  progress.finish();
+  return clip;
+}
+
+// The words of the command line for what holds of the delivered images; it speaks of the images as they are stored.
+class Stored {
+ public:
+  Stored(const CameraModel& delivered, int rotate_degrees)
+      : model_(delivered), back_(delivered.width, delivered.height, (360 - rotate_degrees) % 360, 0, 0) {}
+
+  std::string readout(Axis axis, double seconds) const {
+    const RollingShutter stored = back_.shutter(shutter_of(axis, seconds, model_));
+    return readout_text(stored.axis, readout_of(stored, back_.model(model_)));
+  }
+  double fov_degrees(double focal) const {
+    const CameraModel stored = back_.model(model_);
+    return 2 * std::atan(0.5 * stored.width / (focal * static_cast<double>(stored.fx))) * 180 / std::numbers::pi;
+  }
+
+ private:
+  CameraModel model_;
+  FrameTransform back_;
+};
+
+void print_rounds(const CameraSearch& search, const CameraFitOptions& options, int rotate_degrees) {
+  std::vector<std::vector<std::string>> rows;
+  for (const CameraSearch::Round& round : search.rounds) {
+    const CameraModel& model = round.camera.model;
+    const Stored stored(model, rotate_degrees);
+    rows.push_back({stored.readout(round.camera.shutter.axis, readout_of(round.camera.shutter, model)),
+                    format("%.1f", stored.fov_degrees(1)), format("%.1f", 100 * round.tracked),
+                    format("%.3f", round.reprojection_px),
+                    options.readout ? stored.readout(round.fit.axis, round.fit.readout_s.value) : "-",
+                    options.focal ? format("%.1f", stored.fov_degrees(round.fit.focal.value)) : "-"});
+  }
+  print_table({"tracked under", "fov", "tracked %", "frames' px", "found readout", "fov"}, rows);
+}
+
+// What is known at the end, a line for each estimate. False when one of them is not.
+bool report(const ReadoutChoice& chosen, const CameraSearch& search, int rotate_degrees) {
+  const CameraFit& fit = search.fit;
+  const CameraModel& model = search.rounds.back().camera.model;
+  const Stored stored(model, rotate_degrees);
+  bool known = true;
+  const auto cannot = [&](const char* what, const std::string& why) {
+    print_line(std::string("this recording cannot tell the ") + what + ": " + why);
+    known = false;
+  };
+  if (chosen.estimates_readout()) {
+    if (!fit.readout_s.trouble.empty()) {
+      cannot("readout", fit.readout_s.trouble);
+    } else if (fit.global) {
+      print_line(format("a global shutter: no --readout, or one of less than %.1f ms", 2000 * fit.readout_s.sigma));
+    } else {
+      print_line("best: --readout " + stored.readout(fit.axis, fit.readout_s.value) +
+                 format(", to about %.1f ms", 2000 * fit.readout_s.sigma));
+    }
+  }
+  if (chosen.estimates_focal()) {
+    if (!fit.focal.trouble.empty()) {
+      cannot("field of view", fit.focal.trouble);
+    } else if (chosen.input.calibration.empty() && model.distortion == Distortion::kNone) {
+      print_line(format("best: --fov %.1f, to about %.1f %% of the focal length", stored.fov_degrees(fit.focal.value),
+                        200 * fit.focal.sigma / fit.focal.value));
+    } else {
+      print_line(format("best: focal lengths of %.3f times the calibration's, to about %.1f %%", search.focal_factor,
+                        200 * fit.focal.sigma / fit.focal.value));
+    }
+  }
+  if (!search.settled)
+    print_warning(
+        format("the answer still changed in the last of %zu rounds: be careful with it", search.rounds.size()));
+  return known && search.settled;
+}
+
+int find_camera(const ReadoutChoice& chosen, const std::string& command_line) {
+  RecordingOptions recording = chosen.input.recording();
+  const bool guessed = chosen.estimates_focal() && recording.calibration.empty() && recording.fov_degrees == 0;
+  if (guessed) recording.fov_degrees = kGuessedFov_degrees;
+  std::vector<std::string> warnings;
+  const std::string name = chosen.input.open(recording, &warnings)->info().name;
+  std::optional<OutputFolder> folder;
+  if (!chosen.out.empty()) {
+    Knowledge knowledge;
+    add_inputs(recording, &knowledge);
+    for (const std::filesystem::path& images : knowledge.image_folders) {
+      if (same_place(images, chosen.out))
+        throw InputError("--out " + chosen.out + ": the recording's images are there, name another folder");
+    }
+    folder.emplace(chosen.out, "--out", kOutputs, knowledge.inputs);
+  }
+  stop_on_signals();
+  CameraFitOptions options;
+  options.focal = chosen.estimates_focal();
+  options.readout = chosen.estimates_readout();
+  options.axes = chosen.axes;
+  const CameraSearch found = search_camera(
+      [&](const CameraAssumption& assumed) { return track(recording, chosen.run, assumed); }, options, interrupted);
+  print_rounds(found, options, recording.rotate_degrees);
+  if (interrupted()) {
+    print_error(interruption() + " before the search had ended; what it found so far may not be the best");
+    return kExitBroken;
+  }
+  bool whole = true;
+  if (!found.broken.empty()) {
+    print_error(found.broken + "; what came before it was tracked");
+    whole = false;
+  }
+  print_line("");
+  if (!found.fit.trouble.empty()) {
+    print_error(found.fit.trouble);
+    print_line("see that the recording starts with pocket-ptam replay (--tap, --fov)");
+    return kExitBroken;
+  }
+  whole = report(chosen, found, recording.rotate_degrees) && whole;
+  if (!folder) return whole ? kExitOk : kExitBroken;
+  folder->prepare();
+  folder->write("report.html", camera_fit_page({name, command_line, PPTAM_VERSION}, found.fit, &warnings));
+  folder->finish();
+  print_line("written to " + chosen.out + ": report.html");
+  return whole ? kExitOk : kExitBroken;
+}
 
 }  // namespace
 
-Command add_readout(CLI::App& program) {
-  CLI::App* command =
-      program.add_subcommand("readout", "Find a recording's rolling shutter: the one with which its map fits best");
+Command add_readout(CLI::App& program, const std::string& command_line) {
+  CLI::App* command = program.add_subcommand(
+      "readout", "Find a recording's rolling shutter, and its field of view: those with which its points fit best");
   const auto chosen = std::make_shared<ReadoutChoice>();
   add_recording_options(command, &chosen->input);
-  command->add_option("--axis", chosen->axes, "rows, columns, or both of them [both]")
+  command->add_option("--estimate", chosen->estimates, "What to find: readout, fov or readout,fov [readout]")
+      ->delimiter(',')
+      ->check(CLI::IsMember({"readout", "fov"}))
+      ->type_name("WHAT");
+  command->add_option("--axis", chosen->axes, "Of the readout, where it is known: rows, columns or both [both]")
       ->check(CLI::IsMember({"rows", "columns", "both"}))
       ->type_name("AXIS");
-  command->add_option("--jobs", chosen->jobs, "Threads")->check(CLI::Range(1, 256))->type_name("N");
+  command->add_option("--out", chosen->out, "Folder for report.html, which draws how well each readout fits")
+      ->type_name("DIR");
   add_tap_option(command, &chosen->run);
   command->footer(
-      "The clip should start the map early and show the camera moving quickly now and then, in all directions.\n"
+      "The clip should start the map early and show the camera moving quickly now and then, in all directions. For "
+      "the\n"
+      "field of view it should turn, too, and the scene have depth.\n"
       "Examples:\n"
       "  pocket-ptam readout clip.mp4 --fov 60 --resize 320x240\n"
-      "  pocket-ptam readout clip.mp4 --calibration phone.yaml --axis rows");
-  return {command, [chosen] {
-            const ReadoutOptions options = {chosen->input, chosen->input.recording(), chosen->run, chosen->axes,
-                                            chosen->jobs};
-            return find_readout(options) ? kExitOk : kExitBroken;
-          }};
+      "  pocket-ptam readout clip.mp4 --calibration phone.yaml --axis rows --out found\n"
+      "  pocket-ptam readout clip.mp4 --resize 320x240 --estimate fov,readout\n"
+      "Exit code 1: the clip cannot tell; why, and what would, is said.");
+  return {command, [chosen, command_line] { return find_camera(*chosen, command_line); }};
 }
 
 }  // namespace pptam::app

@@ -84,6 +84,7 @@ int replay_recording(const ReplayChoice& chosen, const std::string& command_line
     recording.readout_s = parsed.seconds;
   }
   Knowledge knowledge;
+  knowledge.camera_told = true;
   if (!chosen.run.load_map.empty()) meet_map(chosen.run.load_map, &recording, &knowledge.warnings);
   const std::unique_ptr<platform::Camera> camera = chosen.input.open(recording, &knowledge.warnings);
   add_inputs(recording, &knowledge);

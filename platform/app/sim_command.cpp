@@ -13,7 +13,9 @@
 #include "platform/run/console.h"
 #include "platform/run/interruption.h"
 #include "platform/text.h"
+#include "sim_phone/laboratory/camera_study.h"
 #include "sim_phone/laboratory/culling_study.h"
+#include "sim_phone/laboratory/doubt_study.h"
 #include "sim_phone/laboratory/endurance.h"
 #include "sim_phone/laboratory/harsh_study.h"
 #include "sim_phone/laboratory/judgement.h"
@@ -70,9 +72,9 @@ CLI::Option* add_sequence_options(CLI::App* sim, SimChoice* chosen) {
   sim::PhoneOptions& phone = chosen->phone;
   CLI::Option* story =
       add_repeatable(sim, "--story", &chosen->stories, "One of the stories below; may be repeated with --suite");
-  add_repeatable(
-      sim, "--scene", &chosen->scenes,
-      one_of(sim::scene_names()) + "; may be repeated with --suite and --study culling, harsh or stretches [desk]");
+  add_repeatable(sim, "--scene", &chosen->scenes,
+                 one_of(sim::scene_names()) +
+                     "; may be repeated with --suite and --study culling, harsh, stretches, camera or doubts [desk]");
   std::vector<std::string> motions = sim::motion_names();
   for (const std::string& name : sim::start_names()) motions.push_back(name);
   sim->add_option("--motion", phone.motion, one_of(motions))->capture_default_str()->type_name("NAME")->excludes(story);
@@ -110,7 +112,9 @@ void add_laboratory_options(CLI::App* sim, CLI::Option* story, ChosenStudies* ch
              "--study", chosen->study,
              "init: many short starts of several kinds, as a table and plots; culling: exploring runs with and without "
              "culling of keyframes, as a table; harsh: exploring runs with each cause of --harsh alone, and with all; "
-             "stretches: exploring runs with two seconds of bad pictures in their midst")
+             "stretches: exploring runs with two seconds of bad pictures in their midst; "
+             "camera: what pocket-ptam readout finds of phones drawn by chance; doubts: whether a run says that "
+             "it was told of a wrong camera")
           ->type_name("NAME")
           ->excludes(suite);
   add_repeatable(sim, "--kind", &chosen->kinds,
@@ -168,6 +172,7 @@ std::string footer() {
          "  pocket-ptam sim --study culling --scene desk --scene walls --seeds 50 --jobs 2\n"
          "  pocket-ptam sim --study harsh --seeds 5 --jobs 2\n"
          "  pocket-ptam sim --study stretches --seeds 6 --jobs 2\n"
+         "  pocket-ptam sim --study camera --seeds 10 --jobs 2\n"
          "  pocket-ptam sim --endurance 60 --scene desk --twice";
 }
 
@@ -192,7 +197,8 @@ class SimCommand {
     if ((many_runs || !chosen_.dump.empty()) && output_.show.where != DisplayChoice::kNone)
       throw InputError("--show belongs to a single run");
     if (studies_.suite) return run_suite();
-    const bool many_scenes = studies_.study == "culling" || studies_.study == "harsh" || studies_.study == "stretches";
+    const bool many_scenes = studies_.study == "culling" || studies_.study == "harsh" ||
+                             studies_.study == "stretches" || studies_.study == "camera" || studies_.study == "doubts";
     if (chosen_.stories.size() + chosen_.scenes.size() > 1 && !many_scenes)
       throw InputError("several --story or --scene belong to --suite");
     choose_sequence();
@@ -203,9 +209,13 @@ class SimCommand {
       return exit_code(laboratory::run_harsh_study(exploring<laboratory::HarshStudyOptions>(0)));
     if (studies_.study == "stretches")
       return exit_code(laboratory::run_stretch_study(exploring<laboratory::StretchStudyOptions>(24)));
+    if (studies_.study == "camera")
+      return exit_code(laboratory::run_camera_study(exploring<laboratory::CameraStudyOptions>(0)));
+    if (studies_.study == "doubts")
+      return exit_code(laboratory::run_doubt_study(exploring<laboratory::DoubtStudyOptions>(0)));
     if (studies_.study == "init") return run_start_study();
     if (!studies_.study.empty())
-      throw InputError("--study " + studies_.study + ": there are init, culling, harsh and stretches");
+      throw InputError("--study " + studies_.study + ": there are init, culling, harsh, stretches, camera and doubts");
     if (studies_.many) throw InputError("--seeds and --jobs belong to --suite or --study");
     if (studies_.endurance_minutes) return run_endurance();
     return run_once();

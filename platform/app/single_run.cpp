@@ -12,6 +12,7 @@
 #include <span>
 
 #include "platform/app/commands.h"
+#include "platform/calibrate/camera_fit.h"
 #include "platform/camera/image_list.h"
 #include "platform/files.h"
 #include "platform/input_error.h"
@@ -113,8 +114,9 @@ std::unique_ptr<Show> make_show(const CameraInfo& camera, const OutputFolder& fo
 }
 
 // The run, with its overlay and its progress on the terminal. The folder is made once the input is known to be good.
+// tracks: what was tracked, or null.
 RunLog run_and_show(const Runner& runner, const OutputOptions& output, const OutputFolder& folder,
-                    std::unique_ptr<Show>* show, std::vector<std::string>* warnings) {
+                    std::unique_ptr<Show>* show, PointTracks* tracks, std::vector<std::string>* warnings) {
   Progress progress;
   RunLog log = runner(
       [&](const CameraInfo& info) {
@@ -124,6 +126,7 @@ RunLog run_and_show(const Runner& runner, const OutputOptions& output, const Out
       },
       [&](const Frame& frame, const TrackResult& result, const RunLog& so_far) {
         const FrameLog& entry = so_far.frames.back();
+        if (tracks != nullptr) tracks->add(result);
         if (*show) (*show)->add(frame, result, entry);
         if (!output.no_progress && output.show.where == DisplayChoice::kNone)
           progress.show(so_far.source_frames, so_far.camera.frame_count.value_or(0),
@@ -132,6 +135,23 @@ RunLog run_and_show(const Runner& runner, const OutputOptions& output, const Out
       });
   progress.finish();
   return log;
+}
+
+// What the points' tracks say against the camera that the program was told of.
+void add_camera_doubts(const RunLog& log, PointTracks* tracks, std::vector<std::string>* warnings) {
+  tracks->finish(log.map_points);
+  const CameraDoubts doubts = doubt_camera(*tracks, log.camera.model, log.camera.shutter);
+  std::vector<std::string> found;
+  if (doubts.focal) found.push_back(format("a focal length of %.2f times the one assumed", doubts.fit.focal.value));
+  if (doubts.readout) {
+    found.push_back(doubts.fit.global ? "a global shutter"
+                                      : "a readout, of the images as tracked, of " +
+                                            readout_text(doubts.fit.axis, doubts.fit.readout_s.value));
+  }
+  if (found.empty()) return;
+  warnings->push_back("the points fit " + found[0] + (found.size() > 1 ? " and " + found[1] : "") +
+                      " better: poses and map may be wrong. pocket-ptam readout SOURCE --estimate fov,readout finds "
+                      "what to give");
 }
 
 RunSummary evaluated(const RunLog& log, const Trajectory& truth, const Knowledge& knowledge) {
@@ -323,13 +343,15 @@ int run_and_write(const std::string& name, const Trajectory& truth, const Runner
   check_map(run_options, output, place, knowledge);
   std::vector<std::string> warnings;  // to be printed
   std::unique_ptr<Show> show;
-  const RunLog log = run_and_show(runner, output, folder, &show, &warnings);
+  PointTracks tracks;
+  const RunLog log = run_and_show(runner, output, folder, &show, knowledge.camera_told ? &tracks : nullptr, &warnings);
 
   Writing writing;
   const bool map_saved = write_essentials(log, output, &folder, &show, &writing);
   Pictures pictures;
   if (show) pictures = write_pictures(show.get(), &folder, &writing);
   warnings.insert(warnings.begin(), log.warnings.begin(), log.warnings.end());
+  if (knowledge.camera_told) add_camera_doubts(log, &tracks, &warnings);
   const auto all_warnings = [&] {
     std::vector<std::string> all = knowledge.warnings;
     all.insert(all.end(), warnings.begin(), warnings.end());

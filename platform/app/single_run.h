@@ -27,6 +27,7 @@ struct Knowledge {
   platform::Inputs inputs;                           // what it is read from: never an output
   std::vector<std::filesystem::path> image_folders;  // likewise: no place for outputs
   std::vector<std::string> warnings;                 // printed already
+  bool camera_told = false;  // by the user: whether what was tracked contradicts it is looked at after the run
 };
 
 // Runs, writes the results into the folder of the options, prints the summary. What cannot be written is told and does

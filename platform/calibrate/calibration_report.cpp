@@ -104,26 +104,6 @@ double round_up(double value) {
   return 10 * power;
 }
 
-std::string readout_plot(const ReadoutFit& fit) {
-  std::string data[2];
-  for (const ReadoutFit::Trial& trial : fit.trials)
-    data[trial.axis == RollingShutter::Axis::kColumns ? 1 : 0] +=
-        format("%.4f %.5f\n", 1000 * trial.readout_s, trial.rms_px);
-  std::string script =
-      "$rows << EOD\n" + data[0] + "EOD\n$columns << EOD\n" + data[1] +
-      "EOD\nset xlabel 'readout, ms (positive: from the top or the left)'\nset ylabel 'corners, px rms'\n"
-      "set yrange [0:*]\nset key outside right top\n";
-  script += format("set arrow from %g,graph 0 to %g,graph 1 nohead dt 2 lc rgb '#aa0000'\nplot ", 1000 * fit.readout_s,
-                   1000 * fit.readout_s);
-  std::string curves;
-  for (const char* name : {"rows", "columns"}) {
-    if (data[std::string(name) == "columns" ? 1 : 0].empty()) continue;
-    curves += (curves.empty() ? "" : ", ") + std::string("$") + name +
-              " using 1:2 with linespoints pt 7 ps 0.4 lw 1.4 title '" + name + "'";
-  }
-  return plot_svg(1120, 360, script + curves + "\n");
-}
-
 }  // namespace
 
 std::string coverage_png(const Board& board, int width, int height, const std::vector<BoardView>& views) {
@@ -218,7 +198,9 @@ std::string calibration_page(const CalibrationReport& report, std::vector<std::s
   }
   if (report.readout != nullptr && !report.readout->trials.empty()) {
     try {
-      add_section("Readout", svg_tag(readout_plot(*report.readout), "readout against residuals"),
+      add_section("Readout",
+                  svg_tag(readout_plot(report.readout->trials, report.readout->readout_s, "corners"),
+                          "readout against residuals"),
                   "How well the moving clip's corners fit, by the readout that is assumed.");
     } catch (const InputError& error) {
       warnings->push_back(std::string(error.what()) + "; report.html is written without plots");

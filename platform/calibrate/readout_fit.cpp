@@ -5,6 +5,8 @@
 #include <cmath>
 #include <utility>
 
+#include "platform/calibrate/jackknife.h"
+#include "platform/calibrate/motion_curve.h"
 #include "platform/calibrate/plane_pose.h"
 #include "platform/text.h"
 
@@ -20,8 +22,7 @@ constexpr double kMaxGap = 2.5;         // frame intervals between neighbours
 constexpr int kSteps = 6;               // of the readout in either direction, up to the time between two frames
 constexpr double kFinest = 1.0 / 48;    // last step, in frame intervals
 constexpr int kPoseRounds = 4;          // of poses from motion and motion from poses
-constexpr int kBlocks = 10;             // of the jackknife
-constexpr int kMinFrames = 30;          // three for each of its blocks
+constexpr int kMinFrames = 30;          // three for each block of the jackknife
 constexpr double kBadFrameRatio = 3;    // of a frame's rms to the median: a misread board
 constexpr double kMaxSigma = 0.05;      // of the frame interval: beyond, the clip does not tell
 constexpr double kMinGain = 3;          // standard deviations by which the better axis must be better
@@ -29,15 +30,13 @@ constexpr double kSure = 3;             // standard deviations, by which a reado
 constexpr double kMaxUnsure_s = 0.002;  // of these together, before that is called a global shutter
 
 struct MotionFrame {
-  double t_s = 0;
   double speed_px_s = 0;
   std::vector<Vector2d> rays;    // (x/z, y/z) of the corners, undistorted
   std::vector<double> lines[2];  // by axis: (line - middle) / lines, from -0.5 to 0.5
   std::vector<size_t> near;      // frames before and after; empty: this one takes no part
   // The board's coordinates to the camera's, as of a global shutter.
   Eigen::Isometry3d still = Eigen::Isometry3d::Identity();
-  Matrix3d R = Matrix3d::Identity();  // the same under the readout at hand, at the frame's time
-  Vector3d t = Vector3d::Zero();
+  TimedPose pose;  // the same under the readout at hand, at the frame's time
 };
 
 // A board read from its other end is the same board: the reading that is nearer to the frame before.
@@ -51,48 +50,6 @@ void align_to(const std::vector<Vector2d>& before, std::vector<Vector2d>* corner
   if (turned < forward) std::reverse(corners->begin(), corners->end());
 }
 
-Matrix3d cross_matrix(const Vector3d& v) {
-  Matrix3d m;
-  m << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
-  return m;
-}
-
-Matrix3d turn_by(const Vector3d& phi) {
-  const double angle = phi.norm();
-  if (angle == 0) return Matrix3d::Identity();
-  return Eigen::AngleAxisd(angle, phi / angle).toRotationMatrix();
-}
-
-// The board's motion about a frame: the polynomials of its turn and its shift since then, which are 0 at that time.
-class Motion {
- public:
-  Motion(const std::vector<MotionFrame>& frames, const MotionFrame& frame, double unit_s) : unit_s_(unit_s) {
-    const Eigen::Index degree = static_cast<Eigen::Index>(frame.near.size());
-    Eigen::MatrixXd powers(degree, degree);
-    Eigen::MatrixXd values(degree, 6);
-    for (Eigen::Index k = 0; k < degree; ++k) {
-      const MotionFrame& other = frames[frame.near[static_cast<size_t>(k)]];
-      const Eigen::AngleAxisd turn(other.R * frame.R.transpose());
-      values.row(k) << (turn.angle() * turn.axis()).transpose(), (other.t - frame.t).transpose();
-      const double at = (other.t_s - frame.t_s) / unit_s_;
-      for (Eigen::Index p = 0; p < degree; ++p) powers(k, p) = std::pow(at, static_cast<double>(p + 1));
-    }
-    coefficients_ = powers.partialPivLu().solve(values);
-  }
-
-  // Turn and shift at a time relative to the frame's.
-  Eigen::Matrix<double, 6, 1> at(double dt_s) const {
-    const double x = dt_s / unit_s_;
-    Eigen::Matrix<double, 1, 6> value = Eigen::Matrix<double, 1, 6>::Zero();
-    for (Eigen::Index p = coefficients_.rows(); p-- > 0;) value = (value + coefficients_.row(p)) * x;
-    return value.transpose();
-  }
-
- private:
-  double unit_s_;
-  Eigen::MatrixXd coefficients_;
-};
-
 class Clip {
  public:
   Clip(const Board& board, const BoardViews& views, const CameraModel& model)
@@ -104,7 +61,7 @@ class Clip {
       std::vector<Vector2d> corners = view.corners;
       if (!before.empty()) align_to(before, &corners);
       MotionFrame frame;
-      frame.t_s = 1e-9 * static_cast<double>(view.timestamp_ns - views.views.front().timestamp_ns);
+      frame.pose.t_s = 1e-9 * static_cast<double>(view.timestamp_ns - views.views.front().timestamp_ns);
       frame.speed_px_s = view.speed_px_s;
       for (const Vector2d& px : corners) {
         frame.rays.push_back(model.unproject(px.cast<float>()).cast<double>());
@@ -132,8 +89,8 @@ class Clip {
   // Sums of squared distances, px^2, of each frame that takes part.
   std::vector<double> costs(Axis axis, double readout_s) {
     for (MotionFrame& frame : frames_) {
-      frame.R = frame.still.linear();
-      frame.t = frame.still.translation();
+      frame.pose.R = frame.still.linear();
+      frame.pose.t = frame.still.translation();
     }
     std::vector<double> costs;
     for (int round = 0; round < kPoseRounds; ++round) {
@@ -159,12 +116,12 @@ class Clip {
   // Which frames follow each other without a gap.
   void link() {
     std::vector<double> steps;
-    for (size_t i = 1; i < frames_.size(); ++i) steps.push_back(frames_[i].t_s - frames_[i - 1].t_s);
+    for (size_t i = 1; i < frames_.size(); ++i) steps.push_back(frames_[i].pose.t_s - frames_[i - 1].pose.t_s);
     if (steps.empty()) return;
     std::nth_element(steps.begin(), steps.begin() + static_cast<ptrdiff_t>(steps.size() / 2), steps.end());
     interval_s_ = steps[steps.size() / 2];
     const auto follows = [&](size_t i) {  // on the one before
-      const double step = frames_[i].t_s - frames_[i - 1].t_s;
+      const double step = frames_[i].pose.t_s - frames_[i - 1].pose.t_s;
       return step > 0.2 * interval_s_ && step < kMaxGap * interval_s_;
     };
     for (size_t i = 0; i < frames_.size(); ++i) {
@@ -179,15 +136,17 @@ class Clip {
 
   // One step of Gauss-Newton on the pose, the motion about it as it is. The cost before it.
   double improve(Axis axis, double readout_s, const MotionFrame& frame, MotionFrame* improved) const {
-    const Motion motion(frames_, frame, interval_s_);
+    std::vector<const TimedPose*> near;
+    for (const size_t other : frame.near) near.push_back(&frames_[other].pose);
+    const MotionCurve motion(frame.pose, near, interval_s_);
     Eigen::Matrix<double, 6, 6> A = Eigen::Matrix<double, 6, 6>::Zero();
     Eigen::Matrix<double, 6, 1> b = Eigen::Matrix<double, 6, 1>::Zero();
     double cost = 0;
     for (size_t i = 0; i < board_.size(); ++i) {
       const Eigen::Matrix<double, 6, 1> moved = motion.at(readout_s * frame.lines[axis == Axis::kColumns ? 1 : 0][i]);
       const Matrix3d turn = turn_by(moved.head<3>());
-      const Vector3d turned = frame.R * board_[i];
-      const Vector3d q = turn * turned + frame.t + moved.tail<3>();
+      const Vector3d turned = frame.pose.R * board_[i];
+      const Vector3d q = turn * turned + frame.pose.t + moved.tail<3>();
       const Vector2d error = focal_px_ * (frame.rays[i] - Vector2d(q.x() / q.z(), q.y() / q.z()));
       cost += error.squaredNorm();
       Eigen::Matrix<double, 2, 3> J_px_q;
@@ -198,8 +157,8 @@ class Clip {
       b += J.transpose() * error;
     }
     const Eigen::Matrix<double, 6, 1> step = A.ldlt().solve(b);
-    improved->R = turn_by(step.head<3>()) * frame.R;
-    improved->t = frame.t + step.tail<3>();
+    improved->pose.R = turn_by(step.head<3>()) * frame.pose.R;
+    improved->pose.t = frame.pose.t + step.tail<3>();
     return cost;
   }
 
@@ -225,33 +184,12 @@ std::vector<double> capped(std::vector<double> values, double most) {
   return values;
 }
 
-// Mean of the values but those of a block left out: a tenth of them, side by side. block -1: of all.
-double mean_without(const std::vector<double>& values, int block) {
-  double sum = 0, count = 0;
-  for (size_t i = 0; i < values.size(); ++i) {
-    if (static_cast<int>(i * kBlocks / values.size()) == block) continue;
-    sum += values[i];
-    count += 1;
-  }
-  return sum / count;
-}
-
-// Standard deviation of a statistic of all blocks from its values without each (jackknife).
-template <class Statistic>
-double jackknife_sigma(const Statistic& without) {
-  double mean = 0, squares = 0;
-  double values[kBlocks];
-  for (int block = 0; block < kBlocks; ++block) mean += (values[block] = without(block)) / kBlocks;
-  for (const double value : values) squares += (value - mean) * (value - mean);
-  return std::sqrt(squares * (kBlocks - 1) / kBlocks);
-}
-
 // The search along one axis.
 struct AxisFit {
   Axis axis = Axis::kRows;
   double readout_s = 0, sigma_s = 0;
   std::vector<double> costs;  // at about the minimum, by frame
-  std::vector<ReadoutFit::Trial> trials;
+  std::vector<ReadoutTrial> trials;
 };
 
 AxisFit fit_axis(Clip* clip, Axis axis) {
@@ -275,17 +213,11 @@ AxisFit fit_axis(Clip* clip, Axis axis) {
   }
   fit.costs = attempt(best_s);
   const std::vector<double> before = attempt(best_s - 2 * step_s), after = attempt(best_s + 2 * step_s);
-  const auto minimum_without = [&](int block) {
-    const double low = mean_without(before, block), middle = mean_without(fit.costs, block),
-                 high = mean_without(after, block);
-    const double curvature = low + high - 2 * middle;
-    return curvature > 0 ? best_s + step_s * (low - high) / curvature
-                         : best_s + std::copysign(clip->interval_s(), low - high);
-  };
-  fit.readout_s = minimum_without(-1);
-  fit.sigma_s = jackknife_sigma(minimum_without);
+  const Minimum minimum = jackknifed_minimum(before, fit.costs, after, best_s, 2 * step_s, clip->interval_s());
+  fit.readout_s = minimum.at;
+  fit.sigma_s = minimum.sigma;
   std::sort(fit.trials.begin(), fit.trials.end(),
-            [](const ReadoutFit::Trial& a, const ReadoutFit::Trial& b) { return a.readout_s < b.readout_s; });
+            [](const ReadoutTrial& a, const ReadoutTrial& b) { return a.readout_s < b.readout_s; });
   return fit;
 }
 
@@ -342,7 +274,7 @@ ReadoutFit fit_readout(const Board& board, const BoardViews& views, const Camera
   fit.speed_px_s = median_of(clip.speeds());
   for (const AxisFit& one : fits) fit.trials.insert(fit.trials.end(), one.trials.begin(), one.trials.end());
   std::stable_sort(fit.trials.begin(), fit.trials.end(),
-                   [](const ReadoutFit::Trial& a, const ReadoutFit::Trial& b) { return a.axis < b.axis; });
+                   [](const ReadoutTrial& a, const ReadoutTrial& b) { return a.axis < b.axis; });
 
   const bool perhaps_global = std::abs(fit.readout_s) < kSure * fit.sigma_s;
   fit.global = perhaps_global && kSure * fit.sigma_s <= kMaxUnsure_s;

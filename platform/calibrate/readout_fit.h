@@ -11,24 +11,21 @@
 #include <vector>
 
 #include "platform/calibrate/board_views.h"
+#include "platform/calibrate/readout_plot.h"
 
 namespace pptam::platform {
 
 struct ReadoutFit {
   std::string trouble;  // why this clip cannot tell, and what to do; empty: it does
   RollingShutter::Axis axis = RollingShutter::Axis::kRows;
-  double readout_s = 0;   // signed: positive when larger coordinates are exposed later
-  double sigma_s = 0;     // one standard deviation
-  bool global = false;    // that is as of a global shutter: nothing, and known well enough to say so
-  double rms_px = 0;      // of the corners, under that readout
-  double global_px = 0;   // and under a global shutter
-  int frames = 0;         // that took part
-  double speed_px_s = 0;  // of the corners, median of these frames
-  struct Trial {
-    RollingShutter::Axis axis;
-    double readout_s, rms_px;
-  };
-  std::vector<Trial> trials;  // for a plot: rows first, readouts rising
+  double readout_s = 0;              // signed: positive when larger coordinates are exposed later
+  double sigma_s = 0;                // one standard deviation
+  bool global = false;               // that is as of a global shutter: nothing, and known well enough to say so
+  double rms_px = 0;                 // of the corners, under that readout
+  double global_px = 0;              // and under a global shutter
+  int frames = 0;                    // that took part
+  double speed_px_s = 0;             // of the corners, median of these frames
+  std::vector<ReadoutTrial> trials;  // for a plot: rows first, readouts rising
 };
 
 // clip: of every frame (LookOptions). model: prepared, of the same size. axes: "rows", "columns" or "both".

@@ -390,10 +390,13 @@ std::unique_ptr<Camera> open(const RecordingOptions& options, const Warn& warn, 
   FrameTransform transform(first.width, first.height, options.rotate_degrees, options.resize_width,
                            options.resize_height);
   info.model = transform.model(calibration.model);
+  info.model.fx *= static_cast<float>(options.focal_factor);
+  info.model.fy *= static_cast<float>(options.focal_factor);
   const Status status = info.model.validate();
   if (!status.ok()) throw InputError(source_path.string() + " after rotation and resizing: " + status.message());
   info.model.prepare();
   info.shutter = transform.shutter(source_shutter(calibration.shutter, options, first.width, first.height));
+  if (options.shutter) info.shutter = *options.shutter;
   info.exposure_s = calibration.exposure_s;
   for (StampedPose& pose : ground_truth) pose.T_wc.linear() = pose.T_wc.linear() * transform.rotation().transpose();
   return std::make_unique<RecordedCamera>(std::move(opened.source), std::move(transform), std::move(info),

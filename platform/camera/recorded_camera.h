@@ -29,6 +29,9 @@ struct RecordingOptions {
   // Rolling shutter of the source image, before rotation and resizing; overrides the calibration's.
   std::optional<RollingShutter::Axis> readout_axis;
   std::optional<double> readout_s;  // signed: positive when larger coordinates are exposed later
+  // For a search: what is assumed of the images delivered, after rotation and resizing, whatever was said above.
+  double focal_factor = 1;  // of their focal lengths
+  std::optional<RollingShutter> shutter;
 };
 
 // Opens a recording. Throws InputError naming the file and the remedy. warnings (may be null) receives one-line remarks

@@ -43,10 +43,11 @@ class KeepingCamera : public platform::Camera {
   size_t count() const { return kept_.size(); }
   const Frame& frame(size_t i) const { return kept_[i].frame; }       // its data is not valid
   std::vector<uint8_t>& pixels(size_t i) { return kept_[i].pixels; }  // of one kept: rows of frame(i).stride_bytes
-  // Likewise; the shutter told is global from now on.
-  void again_as_global() {
+  // Likewise; this is told of it from now on, whatever it was seen by.
+  void again_as(const CameraModel& model, const RollingShutter& shutter) {
     again();
-    info_.shutter.line_time_s = 0;
+    info_.model = model;
+    info_.shutter = shutter;
   }
 
  private:

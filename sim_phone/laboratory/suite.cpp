@@ -219,7 +219,7 @@ Row run_one(const SuiteOptions& options, size_t group, uint64_t seed) {
       v[kOverSteady] = v[kAte] / v[kSteady];
     }
     if (options.compare && row.explores && !row.harsh()) {
-      camera.again_as_global();
+      camera.again_as(camera.info().model, RollingShutter());
       v[kUnmodelled] = judge(run(camera, options), truth, story, exposed_s).ate_percent;
       phone.readout_s = 0;
       const std::unique_ptr<platform::Camera> global = sim::make_phone_camera(phone, scene);

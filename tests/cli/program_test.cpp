@@ -352,24 +352,32 @@ TEST_F(Program, NoColourWhenNobodyWatches) {
   EXPECT_FALSE(contains(run("eval missing.txt truth.txt").err, "\033"));
 }
 
-// A phone whose shutter nobody told of: the command finds it.
-TEST_F(Program, FindsTheReadout) {
+// A phone whose shutter nobody told of, and whose field of view was guessed: the command finds both.
+TEST_F(Program, FindsTheReadoutAndTheFieldOfView) {
   ASSERT_EQ(run("sim --seed 3 --duration 10 --dump d").code, 0);
-  const Answer answer = run("readout d --calibration d/calibration.yaml --jobs 2");
+  fs::remove(folder_ / "d/calibration.yaml");
+  const Answer answer = run("readout d --fov 45 --estimate fov,readout --out found");
   EXPECT_EQ(answer.code, 0) << answer.err;
-  const size_t at = answer.out.find("best: --readout columns:-:");
-  ASSERT_NE(at, std::string::npos) << answer.out;
-  // The truth is 60 ms; the command promises the trials' last step, 4.2 ms, and the minimum may lie half a step on.
-  EXPECT_NEAR(std::stod(answer.out.substr(at + 26)), 0.060, 0.0065);
+  const auto number_after = [&](const std::string& text) {
+    const size_t at = answer.out.find(text);
+    return at == std::string::npos ? -1 : std::stod(answer.out.substr(at + text.size()));
+  };
+  EXPECT_NEAR(number_after("best: --readout columns:-:"), 0.060, 0.003) << answer.out;
+  EXPECT_NEAR(number_after("best: --fov "), 37, 0.03 * 37) << answer.out;
+  EXPECT_TRUE(contains(read_all(folder_ / "found/report.html"), "<svg"));
+  // And so does a run that is told the wrong one: it says so. Of the right one it says nothing.
+  EXPECT_TRUE(contains(run("replay d --fov 45 --no-overlay --out wrong").out, "the points fit a focal length of"));
+  const Answer right = run("replay d --fov 37 --readout columns:-:0.060 --no-overlay --out right");
+  EXPECT_FALSE(contains(right.out, "the points fit")) << right.out;
   EXPECT_EQ(run("readout nothing.mp4 --fov 50").code, 2);
   // A recording that breaks off is told, whatever was found until then.
   std::string list = read_all(folder_ / "d/rgb.txt");
   list.resize(list.find('\n', list.size() * 3 / 4) + 1);
   write("d/rgb.txt", list + "99 rgb/missing.png\n");
-  const Answer broken = run("readout d --calibration d/calibration.yaml --jobs 2 --axis columns");
+  const Answer broken = run("readout d --fov 37 --axis columns");
   EXPECT_EQ(broken.code, 1) << broken.out;
   EXPECT_TRUE(contains(broken.err, "missing.png")) << broken.err;
-  EXPECT_EQ(run("readout d --calibration d/calibration.yaml --axis diagonal").code, 2);
+  EXPECT_EQ(run("readout d --fov 37 --axis diagonal").code, 2);
 }
 
 // COLMAP's text model, read as its documentation says: the median distance between the measurements and the points
