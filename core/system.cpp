@@ -4,6 +4,7 @@
 #include <pocket_ptam/image.h>
 #include <pocket_ptam/pocket_ptam.h>
 #include "base/assert.h"
+#include "map/map_access.h"
 #include "map/map_file.h"
 #include "mapping/mapper.h"
 #include "tracking/tracker.h"
@@ -37,6 +38,15 @@ constexpr float kMinScale = 1e-6f, kMaxScale = 1e6f;
 
 // ARMv6 instructions a byte, for the checksum and a copy: an estimate.
 constexpr int kMapFileInstructions = 8;
+
+// One of the maps by its number, 0 for that in use. Without contents when there is none of that number.
+MapAccess::Part part_of(const Map& map, int number) {
+  if (number == 0 || static_cast<uint32_t>(number) == map.number()) return MapAccess::in_use(map);
+  for (int place = 0; place < map.places(); ++place)
+    if (map.is_aside(place) && map.number_aside(place) == static_cast<uint32_t>(number))
+      return MapAccess::aside(map, place);
+  return {};
+}
 
 }  // namespace
 
@@ -82,6 +92,8 @@ Status Config::validate() const {
     return {StatusCode::kInvalidArgument, "Config::max_keyframes must be within 3 to 1000"};
   if (max_erased_keyframes < 0 || max_erased_keyframes > kMaxKeyframes)
     return {StatusCode::kInvalidArgument, "Config::max_erased_keyframes must be within 0 to 1000"};
+  if (max_maps < 1 || max_maps > kMaxMaps)
+    return {StatusCode::kInvalidArgument, "Config::max_maps must be within 1 to 8"};
   if (max_map_points < kMinMapPoints || max_map_points > kMaxMapPoints)
     return {StatusCode::kInvalidArgument, "Config::max_map_points must be within 100 to 30000"};
   if (max_partial_points < 0 || max_partial_points > kMaxPartialPoints)
@@ -205,7 +217,8 @@ Status System::set_length(uint32_t point_a, uint32_t point_b, float length) {
 }
 
 size_t System::map_bytes() const {
-  return impl_->map.ready() ? map_file_bytes(impl_->map, impl_->config) : 0;
+  const Map& map = impl_->map;
+  return map.ready() || map.aside_count() > 0 ? map_file_bytes(map, impl_->config) : 0;
 }
 
 Status System::save_map(std::span<std::byte> out, size_t* bytes) const {
@@ -245,11 +258,13 @@ bool System::locked() const {
   return impl_->map.locked();
 }
 
-int System::keyframes(std::span<KeyframeInfo> out) const {
+int System::keyframes(std::span<KeyframeInfo> out, int map) const {
+  const MapAccess::Part part = part_of(impl_->map, map);
+  if (!part.keyframes) return 0;
   int count = 0;
   for (uint32_t last_id = 0;; ++count) {
     const Keyframe* next = nullptr;  // by ascending id: slots are used again and are not in that order
-    for (const Keyframe& keyframe : impl_->map.keyframes())
+    for (const Keyframe& keyframe : *part.keyframes)
       if (keyframe.live() && keyframe.id > last_id && (!next || keyframe.id < next->id)) next = &keyframe;
     if (!next) return count;
     if (count < static_cast<int>(out.size())) out[count] = {next->id, next->timestamp_ns, next->T_kw};
@@ -257,12 +272,14 @@ int System::keyframes(std::span<KeyframeInfo> out) const {
   }
 }
 
-int System::map_points(std::span<MapPointInfo> out) const {
+int System::map_points(std::span<MapPointInfo> out, int map) const {
+  const MapAccess::Part part = part_of(impl_->map, map);
+  if (!part.points) return 0;
   int count = 0;
-  for (const MapPoint& point : impl_->map.points()) {
+  for (const MapPoint& point : *part.points) {
     if (point.id == 0) continue;
     if (count < static_cast<int>(out.size())) {
-      const Keyframe& source = impl_->map.keyframes()[point.source.keyframe];
+      const Keyframe& source = (*part.keyframes)[point.source.keyframe];
       MapPointInfo& info = out[count];
       info.id = point.id;
       info.p_w = point.p_w;
@@ -276,14 +293,16 @@ int System::map_points(std::span<MapPointInfo> out) const {
   return count;
 }
 
-int System::measurements(std::span<MeasurementInfo> out) const {
+int System::measurements(std::span<MeasurementInfo> out, int map) const {
+  const MapAccess::Part part = part_of(impl_->map, map);
+  if (!part.points) return 0;
   const Camera& camera = impl_->config.camera;
   int count = 0;
-  for (const MapPoint& point : impl_->map.points()) {
+  for (const MapPoint& point : *part.points) {
     if (point.id == 0) continue;
     for (const Measurement& m : impl_->map.measurements(point)) {
       if (count < static_cast<int>(out.size())) {
-        const Keyframe& keyframe = impl_->map.keyframes()[m.keyframe];
+        const Keyframe& keyframe = (*part.keyframes)[m.keyframe];
         const Vector2f global_px = camera.global_shutter_px(keyframe.velocity, keyframe.T_kw * point.p_w, m.at.px);
         out[count] = {point.id, keyframe.id, m.at.px, global_px, m.at.sigma()};
       }
@@ -294,8 +313,12 @@ int System::measurements(std::span<MeasurementInfo> out) const {
 }
 
 GreyView System::keyframe_image(uint32_t id) const {
-  for (const Keyframe& keyframe : impl_->map.keyframes())
+  const Map& map = impl_->map;
+  for (const Keyframe& keyframe : map.keyframes())
     if (id != 0 && keyframe.id == id) return keyframe.pyramid.level[0];
+  for (int place = 0; place < map.places(); ++place)
+    for (const Keyframe& keyframe : map.keyframes_aside(place))
+      if (id != 0 && keyframe.id == id) return keyframe.pyramid.level[0];
   return {};
 }
 

@@ -16,6 +16,8 @@ constexpr float kMinSourceCosSlant = 0.5f;
 // Searches counted for a point. At this count attempts and finds are halved, so that recent searches weigh more. Not
 // swept.
 constexpr uint16_t kMaxSearches = 64;
+// Keyframes' images that a new start finds: the views that it records, and a few for the map to grow. Not swept.
+constexpr int kImagesForStart = kMaxInitialKeyframes + 8;
 constexpr int kMinMeasurements = 2;  // of a map point: with one its depth is unknown
 // FNV-1a, 64 bits.
 constexpr uint64_t kHashPrime = 1099511628211ull, kHashStart = 14695981039346656037ull;
@@ -49,7 +51,10 @@ Map::Map(Arena& arena, const Config& config)
       queue_(arena, config.camera.model, std::max(config.max_measured_points, config.max_initial_points)),
       neighbours_(arena, 2 * kMaxInitialKeyframes),
       max_measurements_per_point_(config.max_measurements_per_point),
-      max_shared_(config.max_measurements) {
+      max_shared_(config.max_measurements),
+      places_(config.max_maps - 1),
+      max_keyframes_(config.max_keyframes),
+      max_erased_keyframes_(config.max_erased_keyframes) {
   for (int i = 0; i < keyframe_slots(config.max_keyframes, config.max_erased_keyframes); ++i) {
     const Keyframe keyframe(arena, config.camera.model);
     if (i < keyframes_.capacity()) keyframes_.push_back(keyframe);
@@ -62,6 +67,14 @@ Map::Map(Arena& arena, const Config& config)
   keyframes_.resize(0);
   points_.resize(points_.capacity());
   partial_points_.resize(partial_points_.capacity());
+  for (int i = 0; i < places_; ++i) {
+    Contents& contents = aside_[i];
+    contents.keyframes = FixedVector<Keyframe>(arena, keyframe_slots(max_keyframes_, max_erased_keyframes_));
+    contents.points = FixedVector<MapPoint>(arena, config.max_map_points);
+    contents.partial_points = FixedVector<PartialPoint>(arena, config.max_partial_points);
+    contents.points.resize(contents.points.capacity());
+    contents.partial_points.resize(contents.partial_points.capacity());
+  }
 }
 
 bool Map::measured_in(const MapPoint& point, int keyframe) const {
@@ -176,7 +189,13 @@ int Map::add_keyframe(Keyframe& frame) {
     full_ = true;
     return -1;
   }
-  if (index == keyframes_.size()) keyframes_.resize(index + 1);
+  const bool grown = index == keyframes_.size();
+  if (grown) keyframes_.resize(index + 1);
+  if (!bring_images(index)) {
+    if (grown) keyframes_.resize(index);
+    full_ = true;
+    return -1;
+  }
   std::swap(keyframes_[index], frame);
   keyframes_[index].id = next_id_++;
   keyframes_[index].erased = false;
@@ -279,13 +298,162 @@ void Map::follow_anchors() {
 void Map::clear() {
   for (Keyframe& keyframe : keyframes_) keyframe.id = 0;
   keyframes_.resize(0);
-  for (MapPoint& point : points_) point = MapPoint();
-  measurements_.clear();
+  if (aside_count() == 0) {
+    for (MapPoint& point : points_) point = MapPoint();
+    measurements_.clear();
+    shared_used_ = 0;
+  } else {
+    for (int i = 0; i < points_.size(); ++i) remove_point(i);
+  }
   for (PartialPoint& point : partial_points_) point = PartialPoint();
   queue_.clear();
-  neighbour_count_ = shared_used_ = 0;
+  neighbour_count_ = 0;
   ready_ = full_ = moved_ = false;
-  limits_hit_ = 0;
+  limits_hit_ = number_ = 0;
+  ++epoch_;
+}
+
+void Map::clear_all() {
+  for (int i = 0; i < places_; ++i) {
+    if (!is_aside(i)) continue;
+    exchange(i);
+    clear();
+    exchange(i);
+  }
+  clear();
+}
+
+void Map::finish() {
+  ready_ = true;
+  number_ = ++last_number_;
+}
+
+// ---- several maps ----
+
+int Map::aside_count() const {
+  int count = 0;
+  for (int i = 0; i < places_; ++i) count += is_aside(i);
+  return count;
+}
+
+int Map::live_aside() const {
+  int count = 0;
+  for (int i = 0; i < places_; ++i)
+    for (const Keyframe& keyframe : aside_[i].keyframes) count += keyframe.live();
+  return count;
+}
+
+int Map::max_live() const {
+  return std::min(max_keyframes_, keyframe_slots(max_keyframes_, max_erased_keyframes_) - 1 - live_aside());
+}
+
+int Map::max_erased() const {
+  const int left = keyframe_slots(max_keyframes_, max_erased_keyframes_) - 1 - live_aside() - live_count();
+  return std::clamp(left, 0, max_erased_keyframes_);
+}
+
+// A slot with images that no keyframe has, or null.
+Keyframe* Map::spare_images(FixedVector<Keyframe>& slots) {
+  for (int k = 0; k < slots.capacity(); ++k) {
+    Keyframe& slot = slots.data()[k];
+    if ((k >= slots.size() || slot.id == 0) && has_images(slot)) return &slot;
+  }
+  return nullptr;
+}
+
+int Map::spare_count() const {
+  const auto count_in = [](const FixedVector<Keyframe>& slots) {
+    int count = 0;
+    for (int k = 0; k < slots.capacity(); ++k)
+      count += (k >= slots.size() || slots.data()[k].id == 0) && has_images(slots.data()[k]);
+    return count;
+  };
+  int count = count_in(keyframes_);
+  for (int i = 0; i < places_; ++i) {
+    count += count_in(aside_[i].keyframes);
+    for (const Keyframe& keyframe : aside_[i].keyframes) count += keyframe.id != 0 && keyframe.erased;
+  }
+  return count;
+}
+
+// Images for an empty slot of the map in use: those of another empty slot, or of the oldest erased keyframe among the
+// maps that are set aside. False when there are none.
+bool Map::bring_images(int index) {
+  Keyframe& slot = keyframes_[index];
+  if (has_images(slot)) return true;
+  Keyframe* spare = spare_images(keyframes_);
+  for (int i = 0; !spare && i < places_; ++i) spare = spare_images(aside_[i].keyframes);
+  if (!spare) {
+    int place = -1, oldest = -1;
+    for (int i = 0; i < places_; ++i) {
+      const FixedVector<Keyframe>& keyframes = aside_[i].keyframes;
+      for (int k = 0; k < keyframes.size(); ++k) {
+        if (keyframes[k].id == 0 || !keyframes[k].erased) continue;
+        if (place >= 0 && keyframes[k].id > aside_[place].keyframes[oldest].id) continue;
+        place = i;
+        oldest = k;
+      }
+    }
+    if (place < 0) return false;
+    exchange(place);
+    forget_keyframe(oldest);
+    spare = &keyframes_[oldest];
+    exchange(place);  // storage of the slots has not moved
+  }
+  std::swap(slot, *spare);
+  slot.id = spare->id = 0;
+  return true;
+}
+
+void Map::exchange(int place) {
+  Contents& other = aside_[place];
+  std::swap(keyframes_, other.keyframes);
+  std::swap(points_, other.points);
+  std::swap(partial_points_, other.partial_points);
+  std::swap(number_, other.number);
+  std::swap(ready_, other.ready);
+  std::swap(full_, other.full);
+  std::swap(limits_hit_, other.limits_hit);
+}
+
+void Map::give_up_smallest() {
+  int smallest = -1, least = 0;
+  for (int i = 0; i < places_; ++i) {
+    if (!is_aside(i)) continue;
+    int live = 0;
+    for (const Keyframe& keyframe : aside_[i].keyframes) live += keyframe.live();
+    if (smallest >= 0 && live >= least) continue;
+    smallest = i;
+    least = live;
+  }
+  if (smallest < 0) return;
+  exchange(smallest);
+  clear();
+  exchange(smallest);
+}
+
+void Map::set_aside() {
+  PPTAM_ASSERT(ready_ && places_ > 0);
+  if (aside_count() == places_) give_up_smallest();
+  for (PartialPoint& point : partial_points_) point = PartialPoint();
+  for (int i = 0; i < places_; ++i) {
+    if (is_aside(i)) continue;
+    exchange(i);
+    break;
+  }
+  while (spare_count() < kImagesForStart && aside_count() > 1) give_up_smallest();
+  clear();  // queue, and all else that belongs to the map in use
+}
+
+void Map::settle(int place) {
+  if (is_aside(place) && !aside_[place].ready) {
+    exchange(place);
+    clear();
+    exchange(place);
+  }
+  queue_.clear();
+  neighbour_count_ = 0;
+  moved_ = false;
   ++epoch_;
 }
 
@@ -359,6 +527,9 @@ void Map::check_consistency() const {
     for (const Measurement& m : measurements(point))
       PPTAM_ASSERT(has_keyframe(m.keyframe) && keyframes_[m.keyframe].live());
   }
+  for (int i = 0; i < places_; ++i)
+    for (const MapPoint& point : aside_[i].points)
+      if (point.id != 0) shared += point.measurements.size() - kMinMeasurements;
   PPTAM_ASSERT(shared == shared_used_ && shared <= max_shared_);
   for (const PartialPoint& partial : partial_points_)
     PPTAM_ASSERT(partial.id == 0 || has_keyframe(partial.source.keyframe));

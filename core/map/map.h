@@ -8,6 +8,10 @@
 //
 // Life: clear() ─▶ keyframes and points are added ─▶ finish(): poses may be shown ─▶ changes, unless locked ─▶ clear()
 //
+// Several maps: one is in use, and all that follows speaks of it. Another may be set aside when the camera is lost, and
+// be taken up again when a view of it returns. Each has a world of its own. They share the keyframes' images and the
+// measurements: a map that grows takes the images of erased keyframes of those that are set aside.
+//
 // Frames: T_kw takes world to keyframe. Pixels are level 0.
 #pragma once
 
@@ -79,9 +83,11 @@ constexpr int keyframe_slots(int max_keyframes, int max_erased_keyframes) {
 constexpr int kMaxKeyframes = 1000;
 constexpr int kMaxKeyframeSlots = keyframe_slots(kMaxKeyframes, kMaxKeyframes);
 
-// Places for measurements: two of each point's own, and those that all points share.
+constexpr int kMaxMaps = 8;  // that a Config may allow
+
+// Places for measurements: two of each point's own, and those that all points of all maps share.
 inline int measurement_places(const Config& config) {
-  return 2 * config.max_map_points + config.max_measurements;
+  return 2 * config.max_map_points * config.max_maps + config.max_measurements;
 }
 
 class Map {
@@ -118,14 +124,32 @@ class Map {
   // Life.
   bool exists() const { return keyframes_.size() > 0; }
   bool ready() const { return ready_; }  // initial bundle adjustment and alignment are done: poses may be shown
-  void finish() { ready_ = true; }
+  void finish();
   bool locked() const { return locked_; }  // by the user: a map that is ready does not change any more
   void set_locked(bool locked) { locked_ = locked; }
   bool full() const { return full_; }  // no keyframe could be erased for the last new one
   void set_full(bool full) { full_ = full; }
-  void clear();  // keeps storage; ids are not used again
+  void clear();      // the map in use; keeps storage; ids are not used again
+  void clear_all();  // and those that are set aside
   // Counts clear() and changes of scale by the user. After either, the mapper drops the job that it was doing.
   uint32_t epoch() const { return epoch_; }
+
+  // Several maps. A finished map has a number, which no other has: 1 for the first one; 0: there is none in use.
+  uint32_t number() const { return number_; }
+  int places() const { return places_; }  // for maps that are set aside
+  bool is_aside(int place) const { return aside_[place].keyframes.size() > 0; }
+  int aside_count() const;  // maps set aside
+  uint32_t number_aside(int place) const { return aside_[place].number; }
+  const FixedVector<Keyframe>& keyframes_aside(int place) const { return aside_[place].keyframes; }
+  // Sets the finished map in use aside, and there is none in use. Where there is no place left, or too few images for a
+  // new start, the smallest of those that are aside is given up.
+  void set_aside();
+  // Makes the map at a place the one in use, and the one in use, if any, that at the place. Twice: nothing has changed.
+  // For a look at another map; to be followed by the same again, or by settle().
+  void exchange(int place);
+  // After exchange(): the map in use is here to stay. The other one stays aside if it is finished, and is given up
+  // otherwise.
+  void settle(int place);
 
   // Changes of the world's coordinates, of all positions, poses and velocities: once after initialisation (mapper),
   // and when the user sets a length.
@@ -147,6 +171,9 @@ class Map {
   void erase_keyframe(int index);
   // Anchors an erased keyframe to the live keyframe nearest to it; not to `except`.
   void anchor_keyframe(int index, int except = -1);
+  // Live and erased keyframes that the map in use may have: Config's numbers, as far as other maps leave images for it.
+  int max_live() const;
+  int max_erased() const;
   // Empties the slot of an erased keyframe. Points whose patch source it was get another source among the keyframes
   // that measure them. Partial points of the keyframe are removed.
   void forget_keyframe(int index);
@@ -183,6 +210,22 @@ class Map {
  private:
   friend struct MapAccess;
 
+  // A map that is set aside: what the members of the same names are of the one in use.
+  struct Contents {
+    FixedVector<Keyframe> keyframes;
+    FixedVector<MapPoint> points;
+    FixedVector<PartialPoint> partial_points;
+    uint32_t number = 0;
+    bool ready = false, full = false;
+    uint32_t limits_hit = 0;
+  };
+  static bool has_images(const Keyframe& slot) { return slot.storage.level[0].data != nullptr; }
+  Keyframe* spare_images(FixedVector<Keyframe>& slots);
+  bool bring_images(int index);
+  int spare_count() const;
+  void give_up_smallest();
+  int live_aside() const;
+
   FixedVector<Keyframe> keyframes_;
   FixedVector<MapPoint> points_;
   MeasurementPool measurements_;
@@ -196,6 +239,10 @@ class Map {
   bool ready_ = false, locked_ = false, full_ = false;
   uint32_t limits_hit_ = 0;
   uint32_t epoch_ = 0;
+  uint32_t number_ = 0, last_number_ = 0;
+  Contents aside_[kMaxMaps - 1];  // the first places_ of them
+  int places_ = 0;
+  int max_keyframes_ = 0, max_erased_keyframes_ = 0;
   bool moved_ = false;  // transform_ has not been taken
   Similarity transform_;
 };

@@ -17,8 +17,9 @@ namespace {
 // The format of map_file.h: changing one of these makes files of another version. Sizes are in bytes.
 constexpr char kMagic[] = "PPTAMMAP";
 constexpr size_t kMagicBytes = 8;
-constexpr uint32_t kVersion = 2;
-constexpr size_t kHeaderBytes = 120;
+constexpr uint32_t kVersion = 3;
+constexpr size_t kHeaderBytes = 92;
+constexpr size_t kCountsBytes = 40;     // of each map, behind the header
 constexpr size_t kKeyframeBytes = 120;  // without its image and, if it was erased, its anchor
 constexpr size_t kPointBytes = 52;      // without its measurements
 constexpr size_t kMeasurementBytes = 20;
@@ -152,21 +153,29 @@ Count count(const Slots& slots) {
   return result;
 }
 
+// Of one map.
+struct Counts {
+  uint32_t number = 0;
+  Count keyframes, points, partial_points;
+  uint32_t erased = 0;                             // of the keyframes
+  uint32_t measurements = 0, most_of_a_point = 0;  // of all points; of the point that has the most
+
+  uint32_t live() const { return keyframes.entries - erased; }
+  // Measurements beyond two of each point: they take shared places.
+  int64_t shared_measurements() const { return int64_t{measurements} - 2 * int64_t{points.entries}; }
+};
+
 struct Header {
   uint32_t version = 0;
   uint32_t flags = 0;
   uint64_t bytes = 0;
   Camera camera;
-  uint32_t next_id = 0;
-  Count keyframes, points, partial_points;
-  uint32_t erased = 0;                             // of the keyframes
-  uint32_t measurements = 0, most_of_a_point = 0;  // of all points; of the point that has the most
-};
+  uint32_t next_id = 0, last_number = 0;
+  uint32_t maps = 0;
+  std::array<Counts, kMaxMaps> counts = {};  // the first `maps` of them
 
-// Measurements beyond two of each point: they take shared places.
-int64_t shared_measurements(const Header& header) {
-  return int64_t{header.measurements} - 2 * int64_t{header.points.entries};
-}
+  std::span<const Counts> all() const { return {counts.data(), maps}; }
+};
 
 void write_header(const Header& header, Writer* out) {
   out->bytes(kMagic, kMagicBytes);
@@ -182,13 +191,42 @@ void write_header(const Header& header, Writer* out) {
   out->u32(static_cast<uint32_t>(header.camera.shutter.axis));
   out->f32(header.camera.shutter.line_time_s);
   out->u32(header.next_id);
-  for (const Count& counted : {header.keyframes, header.points, header.partial_points}) {
-    out->u32(counted.slots);
-    out->u32(counted.entries);
+  out->u32(header.last_number);
+  out->u32(header.maps);
+  for (const Counts& counts : header.all()) {
+    out->u32(counts.number);
+    for (const Count& counted : {counts.keyframes, counts.points, counts.partial_points}) {
+      out->u32(counted.slots);
+      out->u32(counted.entries);
+    }
+    out->u32(counts.erased);
+    out->u32(counts.measurements);
+    out->u32(counts.most_of_a_point);
   }
-  out->u32(header.erased);
-  out->u32(header.measurements);
-  out->u32(header.most_of_a_point);
+}
+
+// Entries must fit into the file's size, so that no reader trusts a count that is impossible.
+Status check_counts(const Header& header, uint32_t width, uint32_t height) {
+  uint64_t least = kHeaderBytes + header.maps * kCountsBytes + kCrcBytes;
+  bool possible = true;
+  for (const Counts& counts : header.all()) {
+    least += counts.keyframes.entries * (kKeyframeBytes + uint64_t{width} * height);
+    least += uint64_t{counts.points.entries} * kPointBytes;
+    least += uint64_t{counts.measurements} * kMeasurementBytes;
+    least += uint64_t{counts.partial_points.entries} * kPartialBytes;
+    if (counts.most_of_a_point > kMaxMeasurementsPerPoint + 1)
+      return refused("a map point has more measurements than any configuration allows");
+    if (counts.shared_measurements() < 0) return refused("the map's counts do not fit its measurements");
+    possible = possible && counts.erased < counts.keyframes.entries;
+    for (const Count& counted : {counts.keyframes, counts.points, counts.partial_points})
+      possible = possible && counted.entries <= counted.slots && counted.slots <= INT16_MAX;
+    bool distinct = counts.number >= 1 && counts.number <= header.last_number;
+    for (const Counts& other : header.all())
+      distinct = distinct && (&other == &counts || other.number != counts.number);
+    if (!distinct) return refused("the maps of the file have impossible numbers");
+  }
+  if (!possible || least > header.bytes) return refused("the map's counts do not fit its size");
+  return {};
 }
 
 enum class Checksum { kCheck, kChecked };
@@ -204,6 +242,10 @@ Status read_header(std::span<const std::byte> file, Checksum checksum, Header* h
     return refused("the map is cut off within its header: take another copy of the file");
   if (header->version != kVersion)
     return refused("the map has a version that this program does not know: use the program that saved it");
+  const uint32_t maps = Reader(file.subspan(kHeaderBytes - sizeof(uint32_t))).u32();
+  if (maps < 1 || maps > kMaxMaps) return refused("the file holds no map, or more than any configuration allows");
+  if (file.size() < kHeaderBytes + maps * kCountsBytes + kCrcBytes)
+    return refused("the map is cut off within its header: take another copy of the file");
   header->bytes = in.u64();
   if (file.size() < header->bytes) return refused("the map is cut off: take another copy of the file");
   if (file.size() > header->bytes)
@@ -220,13 +262,19 @@ Status read_header(std::span<const std::byte> file, Checksum checksum, Header* h
   const uint32_t axis = in.u32();
   header->camera.shutter.line_time_s = in.f32();
   header->next_id = in.u32();
-  for (Count* counted : {&header->keyframes, &header->points, &header->partial_points}) {
-    counted->slots = in.u32();
-    counted->entries = in.u32();
+  header->last_number = in.u32();
+  header->maps = in.u32();
+  for (uint32_t i = 0; i < header->maps; ++i) {
+    Counts& counts = header->counts[i];
+    counts.number = in.u32();
+    for (Count* counted : {&counts.keyframes, &counts.points, &counts.partial_points}) {
+      counted->slots = in.u32();
+      counted->entries = in.u32();
+    }
+    counts.erased = in.u32();
+    counts.measurements = in.u32();
+    counts.most_of_a_point = in.u32();
   }
-  header->erased = in.u32();
-  header->measurements = in.u32();
-  header->most_of_a_point = in.u32();
   if (width > INT16_MAX || height > INT16_MAX || distortion > static_cast<uint32_t>(Distortion::kEquidistant) ||
       axis > static_cast<uint32_t>(RollingShutter::Axis::kColumns) ||
       !within(header->camera.shutter.line_time_s, -kMaxLineTime_s, kMaxLineTime_s))
@@ -237,20 +285,7 @@ Status read_header(std::span<const std::byte> file, Checksum checksum, Header* h
   header->camera.shutter.axis = static_cast<RollingShutter::Axis>(axis);
   const Status status = camera.validate();
   if (!status.ok()) return refused(status.message());
-  // Entries must fit into the file's size, so that no reader trusts a count that is impossible.
-  uint64_t least = kHeaderBytes + kCrcBytes;
-  least += header->keyframes.entries * (kKeyframeBytes + uint64_t{width} * height);
-  least += uint64_t{header->points.entries} * kPointBytes;
-  least += uint64_t{header->measurements} * kMeasurementBytes;
-  least += uint64_t{header->partial_points.entries} * kPartialBytes;
-  if (header->most_of_a_point > kMaxMeasurementsPerPoint + 1)
-    return refused("a map point has more measurements than any configuration allows");
-  if (shared_measurements(*header) < 0) return refused("the map's counts do not fit its measurements");
-  bool possible = least <= header->bytes && header->erased < header->keyframes.entries;
-  for (const Count& counted : {header->keyframes, header->points, header->partial_points})
-    possible = possible && counted.entries <= counted.slots && counted.slots <= INT16_MAX;
-  if (!possible) return refused("the map's counts do not fit its size");
-  return {};
+  return check_counts(*header, width, height);
 }
 
 // Equal bits: -0 differs from 0.
@@ -317,22 +352,32 @@ Status check_camera(const Camera& made_by, const Camera& given_by) {
 Status check_fit(const Header& header, const Config& config) {
   const Status status = check_camera(header.camera, config.camera);
   if (!status.ok()) return status;
-  // One more live or erased keyframe than Config allows: a map may be saved while culling decides.
-  const int erased = static_cast<int>(header.erased), live = static_cast<int>(header.keyframes.entries) - erased;
-  if (live > config.max_keyframes + 1)
-    return mismatch("the map has more keyframes than Config::max_keyframes: raise it");
-  if (erased > config.max_erased_keyframes + 1 ||
-      static_cast<int>(header.keyframes.slots) > keyframe_slots(config.max_keyframes, config.max_erased_keyframes))
-    return mismatch("the map has more erased keyframes than Config::max_erased_keyframes: raise it");
-  if (static_cast<int>(header.points.slots) > config.max_map_points)
-    return mismatch("the map has more map points than Config::max_map_points: raise it");
-  if (shared_measurements(header) > config.max_measurements)
+  if (header.maps > static_cast<uint32_t>(config.max_maps))
+    return mismatch("the file has more maps than Config::max_maps: raise it");
+  const auto slots = static_cast<uint32_t>(keyframe_slots(config.max_keyframes, config.max_erased_keyframes));
+  uint32_t images = 0;
+  int64_t shared = 0;
+  for (const Counts& counts : header.all()) {
+    images += counts.keyframes.entries;
+    shared += counts.shared_measurements();
+    // One more live or erased keyframe than Config allows: a map may be saved while culling decides.
+    if (counts.live() > static_cast<uint32_t>(config.max_keyframes + 1))
+      return mismatch("the map has more keyframes than Config::max_keyframes: raise it");
+    if (counts.erased > static_cast<uint32_t>(config.max_erased_keyframes + 1) || counts.keyframes.slots > slots)
+      return mismatch("the map has more erased keyframes than Config::max_erased_keyframes: raise it");
+    if (counts.points.slots > static_cast<uint32_t>(config.max_map_points))
+      return mismatch("the map has more map points than Config::max_map_points: raise it");
+    // One more measurement than Config allows: a map may be saved before culling has judged it.
+    if (counts.most_of_a_point > static_cast<uint32_t>(config.max_measurements_per_point + 1))
+      return mismatch("a map point has more measurements than Config::max_measurements_per_point: raise it");
+    if (counts.partial_points.slots > static_cast<uint32_t>(config.max_partial_points))
+      return mismatch("the map has more partial points than Config::max_partial_points: raise it");
+  }
+  if (images > slots)
+    return mismatch(
+        "the maps have more keyframes in all than Config::max_keyframes and max_erased_keyframes: raise one");
+  if (shared > config.max_measurements)
     return mismatch("the map has more measurements than Config::max_measurements: raise it");
-  // One more measurement than Config allows: a map may be saved before culling has judged it.
-  if (header.most_of_a_point > static_cast<uint32_t>(config.max_measurements_per_point + 1))
-    return mismatch("a map point has more measurements than Config::max_measurements_per_point: raise it");
-  if (static_cast<int>(header.partial_points.slots) > config.max_partial_points)
-    return mismatch("the map has more partial points than Config::max_partial_points: raise it");
   return {};
 }
 
@@ -396,65 +441,106 @@ void write_entries(const Slots& slots, Write&& write, Writer* out) {
     if (slots[i].id != 0) write(i, slots[i], out);
 }
 
-Header header_of(const Map& map, const Config& config, uint64_t bytes) {
+// The finished maps, that in use first.
+struct Maps {
+  std::array<MapAccess::Part, kMaxMaps> parts = {};
+  size_t count = 0;
+  std::span<const MapAccess::Part> all() const { return {parts.data(), count}; }
+};
+Maps finished_maps(const Map& map) {
+  Maps maps;
+  if (map.ready()) maps.parts[maps.count++] = MapAccess::in_use(map);
+  for (int i = 0; i < map.places(); ++i)
+    if (map.is_aside(i)) maps.parts[maps.count++] = MapAccess::aside(map, i);
+  return maps;
+}
+
+Counts counts_of(const MapAccess::Part& part) {
+  Counts counts;
+  counts.number = part.number;
+  counts.keyframes = count(*part.keyframes);
+  counts.points = count(*part.points);
+  counts.partial_points = count(*part.partial_points);
+  for (const Keyframe& keyframe : *part.keyframes) counts.erased += keyframe.id != 0 && keyframe.erased;
+  for (const MapPoint& point : *part.points) {
+    if (point.id == 0) continue;
+    const auto measurements = static_cast<uint32_t>(point.measurements.size());
+    counts.measurements += measurements;
+    counts.most_of_a_point = std::max(counts.most_of_a_point, measurements);
+  }
+  return counts;
+}
+
+size_t write(const Map& map, const Config& config, uint64_t bytes, std::span<std::byte> out) {
+  const Maps maps = finished_maps(map);
   Header header;
   header.version = kVersion;
   header.bytes = bytes;
   header.camera = config.camera;
   header.next_id = MapAccess::next_id(map);
-  header.keyframes = count(map.keyframes());
-  header.points = count(map.points());
-  header.partial_points = count(map.partial_points());
-  header.erased = static_cast<uint32_t>(map.erased_count());
-  for (const MapPoint& point : map.points()) {
-    if (point.id == 0) continue;
-    const auto measurements = static_cast<uint32_t>(point.measurements.size());
-    header.measurements += measurements;
-    header.most_of_a_point = std::max(header.most_of_a_point, measurements);
-  }
-  return header;
-}
-
-size_t write(const Map& map, const Config& config, uint64_t bytes, std::span<std::byte> out) {
+  header.last_number = MapAccess::last_number(map);
+  header.maps = static_cast<uint32_t>(maps.count);
+  for (size_t i = 0; i < maps.count; ++i) header.counts[i] = counts_of(maps.parts[i]);
   Writer writer(out);
-  write_header(header_of(map, config, bytes), &writer);
-  write_entries(map.keyframes(), write_keyframe, &writer);
-  write_entries(
-      map.points(), [&map](int slot, const MapPoint& point, Writer* to) { write_point(map, slot, point, to); },
-      &writer);
-  write_entries(map.partial_points(), write_partial_point, &writer);
+  write_header(header, &writer);
+  for (const MapAccess::Part& part : maps.all()) {
+    write_entries(*part.keyframes, write_keyframe, &writer);
+    write_entries(
+        *part.points, [&map](int slot, const MapPoint& point, Writer* to) { write_point(map, slot, point, to); },
+        &writer);
+    write_entries(*part.partial_points, write_partial_point, &writer);
+  }
   writer.u32(out.empty() ? 0 : crc32(out.first(writer.used())));
   return writer.used();
 }
 
-// Reads and checks all that follows the header. Puts it into a map when there is one.
+// Reads and checks all that follows the header. Puts it into a map when there is one, which holds nothing.
 class Body {
  public:
   Body(std::span<const std::byte> file, const Header& header, const Config& config)
-      : in_(file.subspan(kHeaderBytes, file.size() - kHeaderBytes - kCrcBytes)),
+      : in_(file.subspan(size_before(header), file.size() - size_before(header) - kCrcBytes)),
         header_(header),
         config_(config),
         scale_(image_scale(header.camera.model, config.camera.model)) {}
 
   Status read(Map* map_or_null) {
     map_ = map_or_null;
-    if (map_) {
-      MapAccess::resize_keyframes(*map_, static_cast<int>(header_.keyframes.slots));
-      for (int i = 0; i < map_->keyframes().size(); ++i) MapAccess::keyframe(*map_, i).id = 0;
+    for (uint32_t i = 0; i < header_.maps; ++i) {
+      if (map_ && i > 0) map_->exchange(static_cast<int>(i) - 1);
+      const Status status = read_one(header_.counts[i]);
+      if (!status.ok()) return status;
+      if (map_ && i > 0) map_->exchange(static_cast<int>(i) - 1);
     }
-    Status status = read_entries(header_.keyframes, &Body::read_keyframe);
-    if (status.ok()) status = check_anchors();
-    if (status.ok()) status = read_entries(header_.points, &Body::read_point);
-    if (status.ok()) status = read_entries(header_.partial_points, &Body::read_partial_point);
-    if (!status.ok()) return status;
-    if (measurements_ != header_.measurements || most_of_a_point_ != header_.most_of_a_point)
-      return refused("the map's counts do not fit its measurements");
     if (in_.failed() || in_.left() != 0) return refused("the map's entries do not fill the file");
     return {};
   }
 
  private:
-  Status read_entries(const Count& counted, Status (Body::*read_one)(int slot, uint32_t id)) {
+  static size_t size_before(const Header& header) { return kHeaderBytes + header.maps * kCountsBytes; }
+
+  // One map, into the one in use.
+  Status read_one(const Counts& counts) {
+    counts_ = counts;
+    measurements_ = most_of_a_point_ = 0;
+    slots_ = {};
+    if (map_) {
+      MapAccess::resize_keyframes(*map_, static_cast<int>(counts_.keyframes.slots));
+      for (int i = 0; i < map_->keyframes().size(); ++i) MapAccess::keyframe(*map_, i).id = 0;
+    }
+    Status status = read_entries(counts_.keyframes, &Body::read_keyframe);
+    if (status.ok()) status = check_anchors();
+    if (status.ok()) status = read_entries(counts_.points, &Body::read_point);
+    if (status.ok()) status = read_entries(counts_.partial_points, &Body::read_partial_point);
+    if (!status.ok()) return status;
+    if (measurements_ != counts_.measurements || most_of_a_point_ != counts_.most_of_a_point)
+      return refused("the map's counts do not fit its measurements");
+    if (!map_) return {};
+    map_->finish();
+    MapAccess::set_numbers(*map_, counts_.number, header_.last_number);
+    return {};
+  }
+
+  Status read_entries(const Count& counted, Status (Body::*read_entry)(int slot, uint32_t id)) {
     int64_t last_slot = -1;
     for (uint32_t i = 0; i < counted.entries; ++i) {
       const uint32_t slot = in_.u32(), id = in_.u32();
@@ -462,7 +548,7 @@ class Body {
         return refused("the map's entries are not in the order of their slots");
       if (id == 0 || id >= header_.next_id) return refused("the map has an entry with an impossible id");
       last_slot = slot;
-      const Status status = (this->*read_one)(static_cast<int>(slot), id);
+      const Status status = (this->*read_entry)(static_cast<int>(slot), id);
       if (!status.ok()) return status;
     }
     if (last_slot + 1 != counted.slots) return refused("the map has more slots than its last entry needs");
@@ -470,18 +556,18 @@ class Body {
   }
 
   enum class Slot : uint8_t { kEmpty, kLive, kErased };
-  bool has_keyframe(uint32_t slot) const { return slot < header_.keyframes.slots && slots_[slot] != Slot::kEmpty; }
-  bool has_live_keyframe(uint32_t slot) const { return slot < header_.keyframes.slots && slots_[slot] == Slot::kLive; }
+  bool has_keyframe(uint32_t slot) const { return slot < counts_.keyframes.slots && slots_[slot] != Slot::kEmpty; }
+  bool has_live_keyframe(uint32_t slot) const { return slot < counts_.keyframes.slots && slots_[slot] == Slot::kLive; }
 
   Status check_anchors() const {
     uint32_t erased = 0;
-    for (uint32_t slot = 0; slot < header_.keyframes.slots; ++slot) {
+    for (uint32_t slot = 0; slot < counts_.keyframes.slots; ++slot) {
       if (slots_[slot] != Slot::kErased) continue;
       ++erased;
       if (!has_live_keyframe(anchors_[slot]))
         return refused("an erased keyframe of the map follows one that is not there");
     }
-    if (erased != header_.erased) return refused("the map's counts do not fit its keyframes");
+    if (erased != counts_.erased) return refused("the map's counts do not fit its keyframes");
     if (!has_live_keyframe(0)) return refused("the map's first keyframe, its datum, is missing");
     return {};
   }
@@ -544,6 +630,7 @@ class Body {
     slots_[static_cast<size_t>(slot)] = erased ? Slot::kErased : Slot::kLive;
     anchors_[static_cast<size_t>(slot)] = anchor;
     if (!map_) return {};
+    MapAccess::bring_images(*map_, slot);
     Keyframe& keyframe = MapAccess::keyframe(*map_, slot);
     keyframe.id = id;
     keyframe.erased = erased;
@@ -572,11 +659,11 @@ class Body {
     const uint32_t measurements = in_.u32();
     if (!small_enough(point.p_w)) return refused("a map point's position is not a usable number");
     if (point.found > point.attempts) return refused("a map point was found more often than searched");
-    if (measurements < 2 || measurements > header_.most_of_a_point)
+    if (measurements < 2 || measurements > counts_.most_of_a_point)
       return refused("a map point has less than two measurements, or more than the header says");
     measurements_ += measurements;
     most_of_a_point_ = std::max(most_of_a_point_, measurements);
-    if (measurements_ > header_.measurements) return refused("the map's counts do not fit its measurements");
+    if (measurements_ > counts_.measurements) return refused("the map's counts do not fit its measurements");
     if (map_) MapAccess::point(*map_, slot) = point;
     int16_t measured[kMaxMeasurementsPerPoint + 1];
     for (uint32_t i = 0; i < measurements; ++i) {
@@ -623,6 +710,7 @@ class Body {
   const Config& config_;
   const ImageScale scale_;
   Map* map_ = nullptr;
+  Counts counts_;                                    // of the map that is read
   uint32_t measurements_ = 0, most_of_a_point_ = 0;  // of the points read so far
   std::array<Slot, kMaxKeyframeSlots> slots_ = {};
   std::array<uint32_t, kMaxKeyframeSlots> anchors_ = {};
@@ -652,16 +740,27 @@ Status read_map_info(std::span<const std::byte> file, MapInfo* info) {
   if (!status.ok()) return status;
   info->version = static_cast<int>(header.version);
   info->camera = header.camera;
-  info->keyframes = static_cast<int>(header.keyframes.entries - header.erased);
-  info->erased_keyframes = static_cast<int>(header.erased);
-  info->map_points = static_cast<int>(header.points.entries);
-  info->partial_points = static_cast<int>(header.partial_points.entries);
-  info->min_keyframes = info->keyframes;
-  info->min_erased_keyframes = static_cast<int>(header.keyframes.slots) - info->keyframes;
-  info->min_map_points = static_cast<int>(header.points.slots);
-  info->min_measurements = static_cast<int>(shared_measurements(header));
-  info->min_measurements_per_point = static_cast<int>(header.most_of_a_point);
-  info->min_partial_points = static_cast<int>(header.partial_points.slots);
+  info->maps = static_cast<int>(header.maps);
+  info->keyframes = info->erased_keyframes = info->map_points = info->partial_points = 0;
+  info->min_keyframes = info->min_map_points = info->min_partial_points = 0;
+  info->min_measurements = info->min_measurements_per_point = 0;
+  int slots = 0;
+  for (const Counts& counts : header.all()) {
+    const int live = static_cast<int>(counts.live());
+    info->keyframes += live;
+    info->erased_keyframes += static_cast<int>(counts.erased);
+    info->map_points += static_cast<int>(counts.points.entries);
+    info->partial_points += static_cast<int>(counts.partial_points.entries);
+    slots = std::max(slots, static_cast<int>(counts.keyframes.slots));
+    info->min_keyframes = std::max(info->min_keyframes, live);
+    info->min_map_points = std::max(info->min_map_points, static_cast<int>(counts.points.slots));
+    info->min_measurements += static_cast<int>(counts.shared_measurements());
+    info->min_measurements_per_point =
+        std::max(info->min_measurements_per_point, static_cast<int>(counts.most_of_a_point));
+    info->min_partial_points = std::max(info->min_partial_points, static_cast<int>(counts.partial_points.slots));
+  }
+  // Slots for the largest map, and images for all of them.
+  info->min_erased_keyframes = std::max(slots, info->keyframes + info->erased_keyframes) - info->min_keyframes;
   return {};
 }
 
@@ -679,7 +778,6 @@ void read_map_file(std::span<const std::byte> file, const Config& config, Map& m
   if (status.ok()) status = Body(file, header, config).read(&map);
   PPTAM_ASSERT(status.ok());
   MapAccess::set_next_id(map, header.next_id);
-  map.finish();
 }
 
 }  // namespace pptam

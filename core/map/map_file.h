@@ -1,5 +1,5 @@
-// A finished map as bytes, and back: what System::save_map and load_map read and write. Pure functions on the caller's
-// memory; the platform reads and writes files. The format is described below.
+// All finished maps as bytes, and back: what System::save_map and load_map read and write. Pure functions on the
+// caller's memory; the platform reads and writes files. The format is described below.
 //
 // Not in a file: keyframes in the queue and the mapper's job. After loading the mapper begins with a bundle adjustment.
 // Cost: about 8 ARMv6 instructions a byte, and a pyramid for each keyframe when loading. That is 20 to 30 million for a
@@ -16,18 +16,20 @@
 
 namespace pptam {
 
-// The format, version 2.
+// The format, version 3.
 //
 // Everything is little-endian and packed. u and i are integers, f is an IEEE float; the number behind is their bits.
 // "Slot" is an index into the map's own vectors. Entries keep their slots, so that a loaded map continues with the same
 // bits as the saved one. Images are level 0 only: pyramid and small image are made again from it. A partial point's ray
 // is made again from its source pixel. T_kw takes world to keyframe, pixels are level 0.
 //
-//   header, 120 bytes   u8[8] "PPTAMMAP"  u32 version (2)  u32 flags (0)  u64 bytes of the whole file
+//   header, 92 bytes    u8[8] "PPTAMMAP"  u32 version (3)  u32 flags (0)  u64 bytes of the whole file
 //     camera            u32 width, height  f32 fx, fy, cx, cy  u32 distortion (as the enum)  f32[5] coefficients
 //     shutter           u32 axis (0 rows, 1 columns)  f32 line_time_s
-//     counts            u32 next_id, then for keyframes, map points and partial points each: u32 slots, u32 entries
-//     u32 erased keyframes, measurements of all map points, the most of one map point
+//     u32 next_id, number of the last finished map, number of maps
+//   then each map, that in use first, all with the same camera
+//     counts, 40 bytes  u32 number of the map, then for keyframes, map points and partial points each: u32 slots, u32
+//                       entries; u32 erased keyframes, measurements of all map points, the most of one map point
 //   keyframes, by ascending slot, each 120 bytes and the image
 //     u32 slot, id, flags (1: erased)  i64 timestamp_ns  f32[9] rotation of T_kw by rows, f32[3] its translation
 //     f32[6] velocity  f32[6] velocity_prior  f32 mean_depth

@@ -36,7 +36,7 @@ Task<> KeyframeEraser::erase(int keyframe) {
 }
 
 Task<> KeyframeEraser::forget_surplus() {
-  if (map_.erased_count() <= config_.max_erased_keyframes) co_return;
+  if (map_.erased_count() <= map_.max_erased()) co_return;
   const int forgotten = co_await choose_forgotten();
   const auto sources = static_cast<int64_t>(patches_[forgotten]);
   map_.forget_keyframe(forgotten);

@@ -79,9 +79,9 @@ Task<> Mapper::run() {
   for (;;) {
     if (map_.exists() && !map_.ready()) {
       co_await finish_initial_map();
-    } else if (map_.live_count() > config_.max_keyframes) {  // an insertion was dropped
+    } else if (map_.live_count() > map_.max_live()) {  // an insertion was dropped
       co_await make_room();
-    } else if (map_.erased_count() > config_.max_erased_keyframes) {  // an erasure was dropped
+    } else if (map_.erased_count() > map_.max_erased()) {  // an erasure was dropped
       co_await eraser_.forget_surplus();
     } else if (map_.queue().waiting() > 0) {
       co_await insert_keyframe();
@@ -142,7 +142,7 @@ Task<> Mapper::insert_keyframe() {
     if (map_.points()[m.point].id == m.point_id) map_.add_measurement(m.point, {m.at, static_cast<int16_t>(keyframe)});
   meter_.charge(Work::kOther, kAddMeasurementInstructions * candidate.measurements.size());
   map_.queue().pop();
-  if (map_.live_count() > config_.max_keyframes) co_await make_room();
+  if (map_.live_count() > map_.max_live()) co_await make_room();
   if (!map_.keyframes()[keyframe].live()) co_return;
   co_await hygiene_.cull_measurements();  // after make_room(): a discarded keyframe costs no measurement
   newest_ = keyframe;

@@ -47,7 +47,11 @@ struct Config {
   // Erased keyframes whose images are kept, for patches and relocalisation. When there is one too many, the least
   // useful one is forgotten. 4/3 bytes a pixel each. Not swept.
   int max_erased_keyframes = 35;
-  int max_map_points = 1000;  // room for 25 new points in each of 35 keyframes and 100 of the first view: 975
+  // Maps that are kept: the one in use, and those in which the camera was lost before a new one began (auto_start).
+  // They share the keyframes' images and max_measurements; every further one takes 0.1 MB. 1 to 8. Not swept.
+  int max_maps = 3;
+  int max_map_points =
+      1000;  // of each map: room for 25 new points in each of 35 keyframes and 100 of the first view: 975
   // Pool that all map points share for their third and further measurements (two places belong to each point); 24 bytes
   // each. 6 more for each of 1000 points makes 8.
   int max_measurements = 6000;
@@ -70,7 +74,8 @@ struct Config {
   // the scale instead of initial_baseline. 0: not known.
   float initial_plane_distance = 0;
   // Starts initialisation without a tap once the camera has been held still for 0.3 s before a textured view. After a
-  // failure it starts again, until there is a map.
+  // failure it starts again, until there is a map. When the camera has been lost for 3 s, the map is set aside and a
+  // new one begun; the old one goes on as soon as one of its views returns (max_maps, TrackResult::map).
   bool auto_start = false;
   // Seconds between keyframes (0.67 in [ptam 6.2]); half of it where the view is being replaced. Not swept.
   float min_keyframe_interval_s = 0.2f;

@@ -33,7 +33,8 @@ struct MeasurementInfo {
 struct MapInfo {
   int version = 0;  // of the file format
   Camera camera;    // with which it was made, not prepared; see System::load_map
-  int keyframes = 0, erased_keyframes = 0, map_points = 0, partial_points = 0;
+  int maps = 0;     // in the file (Config::max_maps)
+  int keyframes = 0, erased_keyframes = 0, map_points = 0, partial_points = 0;  // of all of them
   // Smallest capacities (max_... of Config) with which it can be loaded.
   int min_keyframes = 0, min_erased_keyframes = 0, min_map_points = 0, min_partial_points = 0;
   int min_measurements = 0, min_measurements_per_point = 0;

@@ -55,7 +55,7 @@ class System {
   void work_slice();      // one slice of mapping: with the phone's capacities at most 0.25 million ARMv6 instructions
 
   // Starts initialisation with the next frame. An existing map, or a start in progress, is discarded.
-  void tap();
+  void tap();    // discards other maps, too
   void reset();  // discards everything; then waits for a tap or for Config::auto_start
 
   // Scales the world so that two map points (ids as in map_points() or TrackResult::points) are `length` world units
@@ -64,15 +64,15 @@ class System {
   // units.
   Status set_length(uint32_t point_a, uint32_t point_b, float length);
 
-  // Saving a finished map, between two slices, in a versioned and checksummed format that is the same on every target
-  // (map/map_file.h). The file holds all that relocalisation and further mapping need; keyframes still in the queue are
-  // left out. save_map() does not pause: 20 to 30 million ARMv6 instructions for a full map of the phone.
+  // Saving the finished maps, between two slices, in a versioned and checksummed format that is the same on every
+  // target (map/map_file.h). The file holds all that relocalisation and further mapping need; keyframes still in the
+  // queue are left out. save_map() does not pause: 20 to 30 million ARMv6 instructions for a full map of the phone.
   size_t map_bytes() const;  // exactly what save_map() writes now; 0 without a finished map
   // Refused when there is no finished map or out is smaller than map_bytes(); *bytes is set on success.
   Status save_map(std::span<std::byte> out, size_t* bytes) const;
   // Checks a saved map's header and checksum and reads what a Config that can load it needs. *info is set on success.
   static Status map_info(std::span<const std::byte> file, MapInfo* info);
-  // Replaces the map, or a start in progress, by a saved map. The state is then kLost, until the relocaliser finds the
+  // Replaces all maps, or a start in progress, by those saved. The state is then kLost, until the relocaliser finds the
   // pose in a frame that shows a known view. Refused, with nothing changed, unless the whole file is valid, was made
   // with this camera and shutter, and fits Config's capacities. A map of the same camera with larger images is scaled
   // down to Config::camera's size; for one with smaller images, give track() images as small as the map's.
@@ -84,10 +84,12 @@ class System {
   bool locked() const;
 
   // Each copies up to out.size() entries and returns how many there are in all: live keyframes ordered by id, map
-  // points in no particular order.
-  int keyframes(std::span<KeyframeInfo> out) const;
-  int map_points(std::span<MapPointInfo> out) const;
-  int measurements(std::span<MeasurementInfo> out) const;  // grouped by point, points in map_points()'s order
+  // points in no particular order. map: which one, as in TrackResult::map; 0: that in use. None of a map that is not
+  // kept.
+  int keyframes(std::span<KeyframeInfo> out, int map = 0) const;
+  int map_points(std::span<MapPointInfo> out, int map = 0) const;
+  // Grouped by point, points in map_points()'s order.
+  int measurements(std::span<MeasurementInfo> out, int map = 0) const;
   // Level-0 image of a live or erased keyframe, valid until the next non-const call; empty when no keyframe has the id.
   GreyView keyframe_image(uint32_t id) const;
 

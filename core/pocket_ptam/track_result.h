@@ -94,6 +94,10 @@ struct TrackResult {
   float reprojection_px = 0;  // rms error of an inlier's coordinate, level-0 pixels
   int partial_attempted = 0;
   int partial_found = 0;
+  // Which map the pose belongs to, each in a world of its own: 1, 2, ... in the order in which they were finished; 0
+  // without a finished map. A number comes again when its map is taken up again.
+  int map = 0;
+  int maps = 0;              // finished ones that are kept, that in use included
   int keyframes = 0;         // in the map, live
   int erased_keyframes = 0;  // kept for patches and relocalisation
   int map_points = 0;

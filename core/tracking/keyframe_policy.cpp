@@ -51,7 +51,7 @@ bool KeyframePolicy::wants(int64_t timestamp_ns, const MotionModel& motion, int 
   for (int i = 0; i < map_.queue().waiting(); ++i) consider(map_.queue().waiting(i).frame.T_kw);
   const bool sparse =
       static_cast<float>(staying) < kSparseViewFraction * static_cast<float>(config_.max_measured_points);
-  const float fill = static_cast<float>(map_.live_count()) / static_cast<float>(config_.max_keyframes);
+  const float fill = static_cast<float>(map_.live_count()) / static_cast<float>(map_.max_live());
   const float far = kDistanceNew + (kDistanceFull - kDistanceNew) * fill;
   if (nearest_alike > far * motion.mean_depth()) return true;
   return sparse && nearest_alike > kMinDistance * motion.mean_depth();

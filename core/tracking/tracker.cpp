@@ -14,6 +14,13 @@ constexpr int kBadFramesUntilLost = 3;
 // reported. Fewer accept wrong poses, which corrupt the map. Not swept.
 constexpr int kFramesToConfirm = 2;
 
+// Seconds for which the camera is lost before a new map begins (Config::auto_start). In emulated losses the camera is
+// found again within 1.2 s wherever it looks at what it knows. Not swept.
+constexpr float kNewMapAfter_s = 3.0f;
+// Frames between two looks at a map that is set aside: each costs up to as much as a tracked frame. In three of four
+// frames a start has the time for itself. Not swept.
+constexpr int kLookIntervalTracking = 8, kLookIntervalWithout = 4;
+
 // Interval, s, given to the motion model for a relocalised pose: the time since the last pose means nothing, and a long
 // interval makes the motion between the two slow. Not swept.
 constexpr float kRelocalisedInterval_s = 1.0f;
@@ -58,7 +65,7 @@ void Tracker::tap() {
 }
 
 void Tracker::reset() {
-  map_.clear();
+  map_.clear_all();
   initialiser_->reset();
   state_ = TrackingState::kWaiting;
   hint_ = config_.auto_start ? Hint::kHoldStill : Hint::kTap;
@@ -74,6 +81,7 @@ void Tracker::begin_lost() {
   state_ = TrackingState::kLost;
   hint_ = Hint::kReturnToKnownView;
   relocalise_attempt_ = 0;
+  lost_s_ = 0;
   depth_filter_.restart();
   keyframe_policy_.forget_time();  // the map's timestamps are those of another recording
 }
@@ -121,17 +129,21 @@ TrackResult Tracker::track(const Frame& frame, const Clock* clock) {
 
   if (map_.exists() && state_ == TrackingState::kLost) {
     relocalise(&result);
+    begin_anew_if_lost_long();
   } else if (map_.exists()) {
     track_with_map(&result);
   } else {
     track_initialiser(&result);
     mark_stage(Stage::kInitialise, &result);
   }
+  result.map = static_cast<int>(map_.number());
+  if (map_.aside_count() > 0) look_aside(&result);
 
   result.state = state_;
   result.hint = hint_;
   result.limits_hit |= map_.limits_hit();
-  result.keyframes = std::min(map_.live_count(), config_.max_keyframes);  // the map has one more while culling decides
+  result.maps = map_.aside_count() + (map_.ready() ? 1 : 0);
+  result.keyframes = std::min(map_.live_count(), map_.max_live());  // the map has one more while culling decides
   result.erased_keyframes = map_.erased_count();
   result.map_points = map_.point_count();
   if (result.points.empty()) result.points = observed_;
@@ -232,6 +244,7 @@ void Tracker::miss() {
   if (confirmed_ == 0 && motion_.missed() < kBadFramesUntilLost) return;
   confirmed_ = 0;
   relocalise_attempt_ = 0;
+  lost_s_ = 0;
   if (map_.ready()) {
     state_ = TrackingState::kLost;
     hint_ = Hint::kReturnToKnownView;
@@ -277,22 +290,74 @@ void Tracker::accept(const MapMatch& match, bool blurred, TrackResult* result) {
 }
 
 void Tracker::relocalise(TrackResult* result) {
+  lost_s_ += std::min(frame_.dt_s(), kMaxGap_s);  // while nothing was seen nobody looked
+  find_candidate(&relocalise_attempt_, result);
+  mark_stage(Stage::kInitialise, result);
+}
+
+// One attempt of the relocaliser in the map in use. True when its pose is good; then state and motion are those of a
+// pose that the next frame has to confirm, and none is reported yet. result: null in a map that is only looked at.
+bool Tracker::find_candidate(int* attempt, TrackResult* result) {
   motion_.stop();
   const RelocalisationCandidate candidate =
-      propose_pose(map_, full_frame_rotation_, lamp_bands_.seen(), frame_.small(), relocalise_attempt_++, meter_);
-  mark_stage(Stage::kInitialise, result);
-  if (candidate.keyframe < 0) return;
+      propose_pose(map_, full_frame_rotation_, lamp_bands_.seen(), frame_.small(), (*attempt)++, meter_);
+  if (candidate.keyframe < 0) return false;
   motion_.start_guess(map_.keyframes()[candidate.keyframe].mean_depth);
   const MapMatch match = matching_.match(frame_.pyramid(), motion_, MapMatching::Search::kWide, candidate.T_cw);
-  matching_.report(&observed_);
-  mark_stage(Stage::kSearch, result);
-  match.report(result);
-  if (match.quality != TrackingQuality::kGood) return;
-  // No pose is reported yet: the next frame has to confirm this one.
+  if (result != nullptr) {
+    matching_.report(&observed_);
+    match.report(result);
+  }
+  if (match.quality != TrackingQuality::kGood) return false;
   motion_.believe(match.pose, kRelocalisedInterval_s, matching_.mean_depth(match.pose.T_cw, motion_.mean_depth()));
   motion_.stop();
   confirmed_ = 1;
   state_ = TrackingState::kTracking;
+  return true;
+}
+
+void Tracker::begin_anew_if_lost_long() {
+  if (!config_.auto_start || map_.places() == 0 || map_.locked() || state_ != TrackingState::kLost ||
+      lost_s_ < kNewMapAfter_s)
+    return;
+  map_.set_aside();
+  matching_.restart();
+  motion_.forget();
+  frame_fit_.forget();
+  start_trigger_.reset();
+  state_ = TrackingState::kWaiting;
+  hint_ = Hint::kHoldStill;
+}
+
+// Now and then the relocaliser tries one of the maps that are set aside. Nothing changes unless it succeeds. From a
+// finished map only older ones are returned to: two that show the same scene would take turns.
+void Tracker::look_aside(TrackResult* result) {
+  if (confirmed_ > 0 || --frames_until_look_ > 0) return;
+  const bool tracking = state_ == TrackingState::kTracking;
+  frames_until_look_ = tracking ? kLookIntervalTracking : kLookIntervalWithout;
+  int place = -1;
+  for (int i = 1; i <= map_.places() && place < 0; ++i) {
+    const int next = (look_place_ + i) % map_.places();
+    if (map_.is_aside(next) && (!tracking || map_.number_aside(next) < map_.number())) place = next;
+  }
+  if (place < 0) return;
+  look_place_ = place;
+  const MotionModel before = motion_;
+  map_.exchange(place);
+  if (find_candidate(&look_attempt_, nullptr)) {
+    map_.settle(place);
+    initialiser_->reset();
+    start_trigger_.reset();
+    frame_fit_.forget();
+    depth_filter_.restart();
+    keyframe_policy_.forget_time();
+    hint_ = Hint::kNone;
+  } else {
+    map_.exchange(place);
+    motion_ = before;
+  }
+  matching_.restart();
+  mark_stage(Stage::kInitialise, result);
 }
 
 void Tracker::track_initialiser(TrackResult* result) {

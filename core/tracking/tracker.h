@@ -5,6 +5,10 @@
 //      ▲                          │ first view lost, map discarded   │ three bad frames       │
 //      └──────────────────────────┘                                  └──────▶ kLost ──────────┘
 //
+// With Config::auto_start a camera that stays lost begins anew: its map is set aside (map/map.h), and the states are
+// run through again. While there are maps aside, their views are looked for now and then; the one that is found again,
+// and confirmed, is the map in use.
+//
 // FrameInput ─▶ MotionModel, FullFrameRotation ─▶ MapMatching with DepthFilter's partial points ─▶ StillCamera
 // ─▶ TrackResult. In sharp frames also KeyframePolicy; without a map the initialiser; when lost the relocaliser. In the
 // map the tracker changes search statistics, partial points' depths and the queue of new keyframes. Bounded time; runs
@@ -44,6 +48,9 @@ class Tracker {
   void accept(const MapMatch& match, bool blurred, TrackResult* result);
   void miss();
   void relocalise(TrackResult* result);
+  bool find_candidate(int* attempt, TrackResult* result);
+  void begin_anew_if_lost_long();
+  void look_aside(TrackResult* result);
   void track_initialiser(TrackResult* result);
   TrackResult repeated(const TrackResult& taken);
   void mark_stage(Stage stage, TrackResult* result);
@@ -72,6 +79,9 @@ class Tracker {
   Hint hint_ = Hint::kTap;
   int confirmed_ = 0;           // good frames in a row since a relocalisation; 0 when none is being confirmed
   int relocalise_attempt_ = 0;  // since the camera was lost
+  float lost_s_ = 0;            // likewise, seconds
+  int frames_until_look_ = 0;   // at the maps that are set aside
+  int look_place_ = 0, look_attempt_ = 0;  // the next one's, and the relocaliser's there
 };
 
 }  // namespace pptam

@@ -42,6 +42,7 @@ class LoadedMap {
     require(System::map_info(bytes_, &info_));
     Config config = Config::phone(info_.camera.model);
     config.camera.shutter = info_.camera.shutter;
+    config.max_maps = std::max(config.max_maps, info_.maps);
     config.max_keyframes = std::max(config.max_keyframes, info_.min_keyframes);
     config.max_erased_keyframes = std::max(config.max_erased_keyframes, info_.min_erased_keyframes);
     config.max_map_points = std::max(config.max_map_points, info_.min_map_points);
@@ -190,6 +191,9 @@ void print_map_info(const std::filesystem::path& file) {
   const bool columns = shutter.axis == RollingShutter::Axis::kColumns;
   std::vector<SummaryRow> rows;
   rows.push_back({"map", format("version %d, %zu bytes, checksum and contents good", info.version, map.bytes())});
+  if (info.maps > 1)
+    rows.push_back({"maps", format("%d in worlds of their own; what follows is of all, but for extent and reprojection",
+                                   info.maps)});
   rows.push_back({"camera", format("%dx%d, fx %.6g, fy %.6g, cx %.6g, cy %.6g, %s", camera.width, camera.height,
                                    camera.fx, camera.fy, camera.cx, camera.cy, distortion_name(camera.distortion))});
   rows.push_back({"shutter", shutter.line_time_s == 0

@@ -114,8 +114,10 @@ void add_run_options(CLI::App* command, RunOptions* run, OutputOptions* output) 
   command->add_flag_callback(
       "--no-drop", [run] { run->drop_late = false; }, "Track every frame, however late");
   add_tap_option(command, run);
-  command->add_flag("--auto-start", run->auto_start,
-                    "No tap: start when the camera is held still, again after failures");
+  command->add_flag(
+      "--auto-start", run->auto_start,
+      "No tap: start when the camera is held still, again after failures, and anew, in another map, when it "
+      "stays lost");
   command
       ->add_option("--plane-distance", run->plane_distance,
                    "Of the first view from the ground, z = 0, in any unit: sets the map's scale")

@@ -31,8 +31,9 @@ namespace {
 using namespace platform;
 
 constexpr const char* kVideo = "overlay.mp4";
-const std::vector<std::string> kOutputs = {"trajectory.txt", "keyframes.txt", "map.ply",     "frames.csv",
-                                           "report.html",    kVideo,          "overlay.png", "start.png"};
+const std::vector<std::string> kOutputs = {"trajectory.txt", "keyframes.txt", "map.ply",
+                                           "frames.csv",     "report.html",   kVideo,
+                                           "overlay.png",    "start.png",     "other_maps.txt"};
 
 bool is_sound_map(std::span<const std::byte> content) {
   MapInfo info;
@@ -189,6 +190,17 @@ class Writing {
   bool failed_ = false;
 };
 
+// The poses in other maps than the trajectory's; empty when there are none.
+std::string other_maps_text(const RunLog& log) {
+  std::string text;
+  for (const int map : log.maps()) {
+    if (map == log.main_map()) continue;
+    text +=
+        tum_text(log.trajectory_in(map), format("map %d, in a world of its own: timestamp tx ty tz qx qy qz qw", map));
+  }
+  return text;
+}
+
 // The map, the paths and the tables. What matters most comes first, and the video's draft makes room for it on a disk
 // that is full. Returns whether the map was saved.
 bool write_essentials(const RunLog& log, const OutputOptions& output, OutputFolder* folder, std::unique_ptr<Show>* show,
@@ -218,6 +230,8 @@ bool write_essentials(const RunLog& log, const OutputOptions& output, OutputFold
   }
   const std::string head = "timestamp tx ty tz qx qy qz qw, camera-to-world, world units";
   attempt([&] { folder->write("trajectory.txt", tum_text(log.trajectory(), head)); });
+  const std::string others = other_maps_text(log);
+  if (!others.empty()) attempt([&] { folder->write("other_maps.txt", others); });
   attempt([&] { folder->write("keyframes.txt", tum_text(log.keyframe_trajectory(), head)); });
   attempt([&] { folder->write("map.ply", ply_text(log.map_points)); });
   attempt([&] { folder->write("frames.csv", frames_text(log)); });

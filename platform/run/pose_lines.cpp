@@ -42,6 +42,7 @@ std::string json_line(const TrackResult& result, int64_t age_ns) {
     line +=
         format(",\"p\":[%.9g,%.9g,%.9g],\"q\":[%.9g,%.9g,%.9g,%.9g]", p.x(), p.y(), p.z(), q.x(), q.y(), q.z(), q.w());
   }
+  if (result.map > 0) line += format(",\"map\":%d", result.map);
   line += format(",\"points\":%d,\"keyframes\":%d", result.points_inliers, result.keyframes);
   if (age_ns >= 0) line += format(",\"age_ms\":%.2f", 1e-6 * static_cast<double>(age_ns));
   return line + "}\n";

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
+#include <set>
 
 namespace pptam::platform {
 
@@ -12,10 +14,37 @@ Eigen::Isometry3d camera_to_world(const SE3& T_cw) {
   return T_wc;
 }
 
+std::vector<int> RunLog::maps() const {
+  std::set<int> maps;
+  for (const FrameLog& frame : frames) {
+    if (frame.pose_valid) maps.insert(frame.map);
+  }
+  return {maps.begin(), maps.end()};
+}
+
+int RunLog::main_map() const {
+  std::map<int, int> poses;
+  for (const FrameLog& frame : frames) poses[frame.map] += frame.pose_valid ? 1 : 0;
+  int main = 0, most = 0;
+  bool main_kept = false;
+  for (const auto& [map, count] : poses) {
+    const bool kept = std::find(kept_maps.begin(), kept_maps.end(), map) != kept_maps.end();
+    if (count == 0 || (main_kept && !kept) || (main_kept == kept && count <= most)) continue;
+    main = map;
+    most = count;
+    main_kept = kept;
+  }
+  return main;
+}
+
 Trajectory RunLog::trajectory() const {
+  return trajectory_in(main_map());
+}
+
+Trajectory RunLog::trajectory_in(int map) const {
   Trajectory trajectory;
   for (const FrameLog& frame : frames) {
-    if (frame.pose_valid) trajectory.push_back({frame.timestamp_ns, frame.T_wc});
+    if (frame.pose_valid && frame.map == map) trajectory.push_back({frame.timestamp_ns, frame.T_wc});
   }
   return trajectory;
 }

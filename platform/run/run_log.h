@@ -33,6 +33,7 @@ struct FrameLog {
   int points_attempted = 0, points_found = 0, points_inliers = 0;
   float reprojection_px = 0;  // rms of the inliers
   int partial_attempted = 0, partial_found = 0;
+  int map = 0, maps = 0;  // TrackResult's
   int keyframes = 0, erased_keyframes = 0, map_points = 0;
   int64_t stage_ns[kStages] = {};
   int64_t track_ns = 0;      // the whole call of track()
@@ -48,10 +49,11 @@ struct RunLog {
   ClockKind clock = ClockKind::kWork;
   std::vector<FrameLog> frames;
   int dropped = 0;
-  int source_frames = 0;  // read, dropped ones included
-  std::vector<KeyframeInfo> keyframes;
-  std::vector<MapPointInfo> map_points;
-  uint64_t map_hash = 0;
+  int source_frames = 0;                 // read, dropped ones included
+  std::vector<int> kept_maps;            // at the end
+  std::vector<KeyframeInfo> keyframes;   // of main_map()
+  std::vector<MapPointInfo> map_points;  // likewise
+  uint64_t map_hash = 0;                 // of the map in use at the end
   MapFit map_fit;
   int map_parts = 0;  // System::map_parts(kHoldingPoints): 1 for a sound map, 0 without one
   int64_t memory_bytes = 0;
@@ -61,7 +63,12 @@ struct RunLog {
   std::string differs;                // where a live recording's repetition has other bits; empty: nowhere
   std::vector<std::string> warnings;  // one line each: the camera's remarks, pauses that were cut
 
-  Trajectory trajectory() const;               // the frames with a pose, camera-to-world
+  // Which map most poses belong to (TrackResult::map), of those that are left at the end if poses belong to any; 0
+  // without a pose. Each map has a world of its own.
+  int main_map() const;
+  Trajectory trajectory() const;  // the frames with a pose in main_map(), camera-to-world
+  Trajectory trajectory_in(int map) const;
+  std::vector<int> maps() const;               // that poses belong to, rising
   Trajectory keyframe_trajectory() const;      // in the order of time
   const FrameLog* first_tracked() const;       // null: never initialised
   double seconds(int64_t timestamp_ns) const;  // since the first frame

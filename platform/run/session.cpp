@@ -63,6 +63,8 @@ FrameLog log_of(const TrackResult& result) {
   log.reprojection_px = result.reprojection_px;
   log.partial_attempted = result.partial_attempted;
   log.partial_found = result.partial_found;
+  log.map = result.map;
+  log.maps = result.maps;
   log.keyframes = result.keyframes;
   log.erased_keyframes = result.erased_keyframes;
   log.map_points = result.map_points;
@@ -102,10 +104,15 @@ Session make_session(const CameraInfo& camera, const RunOptions& options) {
 }
 
 void take_map(System& system, const RunOptions& options, RunLog* log) {
-  log->keyframes.resize(static_cast<size_t>(system.keyframes({})));
-  system.keyframes(log->keyframes);
-  log->map_points.resize(static_cast<size_t>(system.map_points({})));
-  system.map_points(log->map_points);
+  log->kept_maps.clear();
+  for (const int map : log->maps()) {
+    if (system.keyframes({}, map) > 0) log->kept_maps.push_back(map);
+  }
+  const int map = log->main_map();
+  log->keyframes.resize(static_cast<size_t>(system.keyframes({}, map)));
+  system.keyframes(log->keyframes, map);
+  log->map_points.resize(static_cast<size_t>(system.map_points({}, map)));
+  system.map_points(log->map_points, map);
   log->map_fit = map_fit(system);
   log->map_parts = map_parts(system, kHoldingPoints);
   log->map_hash = map_hash(system);

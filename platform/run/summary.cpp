@@ -143,6 +143,14 @@ std::vector<SummaryRow> summarise(const RunLog& log, const RunSummary& summary) 
     if (!misfit.empty()) rows.push_back({"misfit", misfit});
     rows.push_back({"map", format("%zu keyframes, %zu points", log.keyframes.size(), log.map_points.size()) +
                                (log.map_parts > 1 ? format(", fallen into %d parts", log.map_parts) : "")});
+    const std::vector<int> maps = log.maps();
+    if (maps.size() > 1) {
+      std::string poses;
+      for (const int map : maps)
+        poses += format("%s%zu in map %d", poses.empty() ? "" : ", ", log.trajectory_in(map).size(), map);
+      rows.push_back(
+          {"maps", poses + ": each has a world of its own; all above and below is of the one with the most"});
+    }
     rows.push_back(
         {"a tracked frame", format("%.1f ms, %.1f at worst (%s clock); %.2f million instructions (modelled)",
                                    cost.mean_ms, cost.worst_ms, name_of(log.clock), cost.mean_minstructions)});

@@ -29,16 +29,16 @@ std::string ply_text(std::span<const MapPointInfo> points) {
 std::string frames_text(const RunLog& log) {
   std::string out =
       "frame,timestamp,state,quality,hint,progress,attempted,found,inliers,partial_attempted,partial_found,"
-      "keyframes,erased_keyframes,"
+      "map,maps,keyframes,erased_keyframes,"
       "map_points,blurred,misfit,keyframe_added,limits,instructions";
   for (int s = 0; s < kStages; ++s) out.append(",").append(name_of(static_cast<Stage>(s))).append("_us");
   out += ",track_us,late_us,mapping_us,idle_slices\n";
   char line[512];
   for (const FrameLog& f : log.frames) {
-    std::snprintf(line, sizeof line, "%d,%.6f,%s,%s,%s,%.3f,%d,%d,%d,%d,%d,%d,%d,%d,%d,%d,%d,", f.index,
+    std::snprintf(line, sizeof line, "%d,%.6f,%s,%s,%s,%.3f,%d,%d,%d,%d,%d,%d,%d,%d,%d,%d,%d,%d,%d,", f.index,
                   1e-9 * static_cast<double>(f.timestamp_ns), name_of(f.state), name_of(f.quality), name_of(f.hint),
                   static_cast<double>(f.progress), f.points_attempted, f.points_found, f.points_inliers,
-                  f.partial_attempted, f.partial_found, f.keyframes, f.erased_keyframes, f.map_points,
+                  f.partial_attempted, f.partial_found, f.map, f.maps, f.keyframes, f.erased_keyframes, f.map_points,
                   f.blurred ? 1 : 0, f.misfit ? 1 : 0, f.keyframe_added ? 1 : 0);
     out += line + limit_names(f.limits_hit) + format(",%" PRId64, f.instructions);
     for (const int64_t ns : f.stage_ns) out += format(",%" PRId64, ns / 1000);

@@ -27,8 +27,8 @@ using test::small_map_config;
 using test::SmallMap;
 using Bytes = std::vector<std::byte>;
 
-// Offsets as the header of map_file.h has them; images are 97x81.
-constexpr size_t kHeader = 120, kImage = 97 * 81, kKeyframe = 120 + kImage;
+// Offsets as the header of map_file.h has them, of one map; images are 97x81.
+constexpr size_t kHeader = 132, kImage = 97 * 81, kKeyframe = 120 + kImage;
 constexpr size_t kErased = kHeader + 3 * kKeyframe, kAnchor = 52;
 constexpr size_t kFirstPoint = kErased + kKeyframe + kAnchor;
 
@@ -134,12 +134,48 @@ TEST(MapFile, LoadedIsWhatWasSaved) {
   }
 }
 
+TEST(MapFile, SeveralMapsAreWhatWasSaved) {
+  SmallMap original(1);
+  original.add_another(2);
+  original.add_another(3);
+  const Bytes file = original.file();
+  MapInfo info;
+  ASSERT_TRUE(read_map_info(file, &info).ok());
+  EXPECT_EQ(info.maps, 3);
+  EXPECT_EQ(info.keyframes, 9);
+  EXPECT_EQ(info.min_keyframes, 3);
+  SmallMap other(4);
+  other.map.clear_all();
+  const Status status = check_map_file(file, other.config);
+  ASSERT_TRUE(status.ok()) << status.message();
+  read_map_file(file, other.config, other.map);
+  other.map.check_consistency();
+  EXPECT_EQ(other.file(), file);
+  EXPECT_EQ(other.map.hash(), original.map.hash());
+  EXPECT_EQ(other.map.number(), 3u);
+  for (int place = 0; place < 2; ++place) {
+    other.map.exchange(place);
+    other.map.check_consistency();
+    EXPECT_EQ(other.map.hash(), SmallMap(other.map.number()).map.hash());
+    other.map.exchange(place);
+  }
+  for (const auto& [harm, says] : std::vector<std::pair<std::function<void(Config*)>, const char*>>{
+           {[](Config* c) { c->max_maps = 2; }, "max_maps"},
+           {[](Config* c) { c->max_erased_keyframes = 5; }, "in all"}}) {
+    Config small = original.config;
+    harm(&small);
+    const Status refused = check_map_file(file, small);
+    EXPECT_EQ(refused.code(), StatusCode::kConfigMismatch);
+    EXPECT_NE(std::string(refused.message()).find(says), std::string::npos) << refused.message();
+  }
+}
+
 // One number on every target. A change of the format changes it, and needs another version.
 TEST(MapFile, BytesAreTheSameOnEveryTarget) {
   const Bytes file = SmallMap(1).file();
-  EXPECT_EQ(file.size(), 38192u);
+  EXPECT_EQ(file.size(), 38204u);
   const auto checksum = [](const Bytes& bytes) { return get_u32(bytes, bytes.size() - 4); };
-  EXPECT_EQ(checksum(file), 0x8061CB05u);
+  EXPECT_EQ(checksum(file), 0xCCF2E65Au);
   EXPECT_NE(checksum(SmallMap(2).file()), checksum(file));
 }
 
@@ -147,7 +183,7 @@ TEST(MapFile, LayoutIsAsWritten) {
   const SmallMap original(1);
   const Bytes file = original.file();
   EXPECT_EQ(std::memcmp(file.data(), "PPTAMMAP", 8), 0);
-  EXPECT_EQ(get_u32(file, 8), 2u);
+  EXPECT_EQ(get_u32(file, 8), 3u);
   EXPECT_EQ(get_u32(file, 16), file.size());
   EXPECT_EQ(get_u32(file, 24), 97u);
   EXPECT_EQ(get_u32(file, 28), 81u);
@@ -165,8 +201,8 @@ TEST(MapFile, LayoutIsAsWritten) {
     measurements += count;
     most_of_a_point = std::max(most_of_a_point, count);
   }
-  EXPECT_EQ(get_u32(file, 112), measurements);
-  EXPECT_EQ(get_u32(file, 116), most_of_a_point);
+  EXPECT_EQ(get_u32(file, 124), measurements);
+  EXPECT_EQ(get_u32(file, 128), most_of_a_point);
   const Measurement& first = original.map.measurements(original.map.points()[1])[0];
   EXPECT_EQ(get_u32(file, kFirstPoint + 52 + 12), uint32_t{first.at.level});
   EXPECT_NE(first.at.level, 0) << "or nothing was compared";
@@ -175,7 +211,8 @@ TEST(MapFile, LayoutIsAsWritten) {
 
   MapInfo info;
   ASSERT_TRUE(read_map_info(file, &info).ok());
-  EXPECT_EQ(info.version, 2);
+  EXPECT_EQ(info.version, 3);
+  EXPECT_EQ(info.maps, 1);
   EXPECT_EQ(info.keyframes, 3);
   EXPECT_EQ(info.erased_keyframes, 1);
   EXPECT_EQ(info.min_erased_keyframes, 2) << "slots 3 and 4";
@@ -217,21 +254,26 @@ TEST(MapFile, EveryFaultIsNamed) {
       {"checksum", [](Bytes* file) { (*file)[5000] ^= std::byte{4}; }, false},
       {"checksum", [](Bytes* file) { file->back() ^= std::byte{128}; }, false},
       {"version", u32(8, 1)},
-      {"version", u32(8, 3)},
+      {"version", u32(8, 2)},
+      {"version", u32(8, 4)},
       {"version", u32(8, 0)},
       {"flags", u32(12, 1)},
-      {"counts", u32(88, 0)},           // keyframes
-      {"counts", u32(88, 6)},           // more than slots
-      {"counts", u32(108, 4)},          // all erased
-      {"counts", u32(96, 0x40000000)},  // points
-      {"counts", u32(92, 0xffffffff)},
-      {"counts", u32(104, 11)},
-      {"counts", u32(112, 0xffffffff)},  // measurements
-      {"counts", u32(112, get_u32(good, 112) + 1)},
-      {"counts", u32(112, get_u32(good, 112) - 1)},
-      {"than any configuration allows", u32(116, 34)},  // the most of one point
-      {"or more than the header says", u32(116, 2)},
-      {"counts do not fit its measurements", u32(116, 4)},
+      {"holds no map", u32(88, 0)},
+      {"holds no map, or more", u32(88, 9)},
+      {"impossible numbers", u32(92, 0)},
+      {"impossible numbers", u32(84, 0)},  // the last one
+      {"counts", u32(100, 0)},             // keyframes
+      {"counts", u32(100, 6)},             // more than slots
+      {"counts", u32(120, 4)},             // all erased
+      {"counts", u32(108, 0x40000000)},    // points
+      {"counts", u32(104, 0xffffffff)},
+      {"counts", u32(116, 11)},
+      {"counts", u32(124, 0xffffffff)},  // measurements
+      {"counts", u32(124, get_u32(good, 124) + 1)},
+      {"counts", u32(124, get_u32(good, 124) - 1)},
+      {"than any configuration allows", u32(128, 34)},  // the most of one point
+      {"or more than the header says", u32(128, 2)},
+      {"counts do not fit its measurements", u32(128, 4)},
       {"camera is nonsense", u32(24, 0x80000061)},
       {"camera is nonsense", u32(48, 9)},
       {"camera is nonsense", u32(72, 2)},
@@ -244,7 +286,7 @@ TEST(MapFile, EveryFaultIsNamed) {
       {"slots", u32(kHeader, 1)},  // order
       {"slots", u32(kHeader + kKeyframe, 0)},
       {"slots", u32(kHeader + 2 * kKeyframe, 4)},
-      {"slots", u32(92, 60)},  // one more than used
+      {"slots", u32(104, 60)},  // one more than used
       {"impossible id", u32(kHeader + 4, 0)},
       {"impossible id", u32(80, original.map.keyframes()[1].id)},  // next_id
       {"keyframe of the map has flags", u32(kHeader + 8, 2)},
@@ -260,7 +302,7 @@ TEST(MapFile, EveryFaultIsNamed) {
       {"position or velocity", f32(kHeader + 56, 2e8f)},
       {"position or velocity", f32(kHeader + 68, nan)},
       {"position or velocity", f32(kHeader + 92, -inf)},
-      {"counts do not fit its keyframes", u32(108, 0)},
+      {"counts do not fit its keyframes", u32(120, 0)},
       {"follows one that is not there", u32(kErased + 120, 3)},
       {"follows one that is not there", u32(kErased + 120, 4)},
       {"follows one that is not there", u32(kErased + 120, 0xffffffff)},
@@ -591,7 +633,10 @@ void mutate(test::Random& random, Bytes* file) {
 TEST(MapFile, MutatedFilesAreRefusedOrLoadedForWhatTheySay) {
   test::Random random;
   const SmallMap original(random.seed());
-  const Bytes good = original.file();
+  SmallMap several(random.seed() + 1);
+  several.add_another(random.seed() + 2);
+  const Bytes one = original.file(), two = several.file();
+  Bytes good = one;
   Phone phone(original.config);
   ASSERT_TRUE(phone->load_map(good).ok());
   Bytes current = good;
@@ -601,6 +646,7 @@ TEST(MapFile, MutatedFilesAreRefusedOrLoadedForWhatTheySay) {
   std::set<std::string> reasons;
   const int trials = test::trials(10000);
   for (int trial = 0; trial < trials; ++trial) {
+    good = trial % 4 < 2 ? one : two;
     Bytes file = good;
     mutate(random, &file);
     const bool hostile = trial % 2 == 1;

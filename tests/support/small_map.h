@@ -53,10 +53,32 @@ class SmallMap {
     Arena arena({reinterpret_cast<std::byte*>(memory_.get()), measure.used()});
     map = Map(arena, config);
     std::mt19937_64 engine(seed);
+    MapAccess::set_next_id(map, 1 + static_cast<uint32_t>(engine() % 1000));
+    build(engine);
+  }
+
+  // Sets the map aside and makes another one.
+  void add_another(uint64_t seed) {
+    map.set_aside();
+    std::mt19937_64 engine(seed);
+    engine.discard(1);  // the constructor's number of the next entry: the map is that of SmallMap(seed)
+    build(engine);
+  }
+
+  std::vector<std::byte> file() const {
+    std::vector<std::byte> bytes(map_file_bytes(map, config));
+    write_map_file(map, config, bytes);
+    return bytes;
+  }
+
+  Config config;
+  Map map;
+
+ private:
+  void build(std::mt19937_64& engine) {
     const auto uniform = [&engine](double low, double high) {
       return static_cast<float>(low + (high - low) * (static_cast<double>(engine() >> 11) * 0x1.0p-53));
     };
-    MapAccess::set_next_id(map, 1 + static_cast<uint32_t>(engine() % 1000));
     const int keyframes = 3;  // that stay, and one to be forgotten, one erased
     for (int k = 0; k < keyframes + 2; ++k) {
       Keyframe& frame = map.queue().hold().frame;
@@ -122,16 +144,6 @@ class SmallMap {
     map.finish();
   }
 
-  std::vector<std::byte> file() const {
-    std::vector<std::byte> bytes(map_file_bytes(map, config));
-    write_map_file(map, config, bytes);
-    return bytes;
-  }
-
-  Config config;
-  Map map;
-
- private:
   std::unique_ptr<std::max_align_t[]> memory_;
 };
 

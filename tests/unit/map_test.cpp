@@ -327,5 +327,85 @@ TEST_F(MapTest, KeyframesKeepTheirOwnImagesThroughTheQueue) {
   }
 }
 
+// ---- several maps ----
+
+TEST_F(MapTest, AnotherMapIsLeftAsItIs) {
+  fill(4, 20);
+  map_.finish();
+  EXPECT_EQ(map_.number(), 1u);
+  const uint64_t hash = map_.hash();
+  const uint32_t epoch = map_.epoch();
+  map_.set_aside();
+  EXPECT_NE(map_.epoch(), epoch) << "jobs in the old map are dropped";
+  EXPECT_FALSE(map_.exists());
+  EXPECT_EQ(map_.point_count(), 0);
+  EXPECT_EQ(map_.number(), 0u);
+  EXPECT_EQ(map_.aside_count(), 1);
+  fill(3, 10);
+  map_.check_consistency();
+  const uint64_t other = map_.hash();
+  int place = 0;
+  while (!map_.is_aside(place)) ++place;
+  map_.exchange(place);
+  EXPECT_EQ(map_.hash(), hash);
+  EXPECT_EQ(map_.number(), 1u);
+  map_.check_consistency();
+  map_.exchange(place);
+  EXPECT_EQ(map_.hash(), other);
+  map_.finish();
+  EXPECT_EQ(map_.number(), 2u);
+  map_.exchange(place);
+  map_.settle(place);
+  EXPECT_EQ(map_.hash(), hash);
+  EXPECT_EQ(map_.aside_count(), 1) << "a finished map is kept";
+  EXPECT_EQ(map_.number_aside(place), 2u);
+  map_.clear_all();
+  EXPECT_EQ(map_.aside_count(), 0);
+  EXPECT_FALSE(map_.exists());
+  fill(3, 10);
+  map_.finish();
+  EXPECT_EQ(map_.number(), 3u) << "a number is not given twice";
+}
+
+TEST_F(MapTest, AStartThatIsLeftIsGivenUp) {
+  fill(4, 20);
+  map_.finish();
+  map_.set_aside();
+  fill(3, 10);  // not finished
+  int place = 0;
+  while (!map_.is_aside(place)) ++place;
+  map_.exchange(place);
+  map_.settle(place);
+  EXPECT_EQ(map_.number(), 1u);
+  EXPECT_EQ(map_.aside_count(), 0);
+  map_.check_consistency();
+}
+
+// All images are taken: a new keyframe has those of the oldest erased keyframe of a map that is set aside, whose points
+// then have another source or are gone; when there is none the map is full.
+TEST_F(MapTest, ImagesComeFromErasedKeyframesOfOtherMaps) {
+  const int slots = keyframe_slots(config_.max_keyframes, config_.max_erased_keyframes);
+  fill(8, 20);
+  while (map_.keyframes().size() < slots) ASSERT_GE(test::add_keyframe(map_, SE3()), 0);
+  for (int k = 8; k < slots; ++k) map_.erase_keyframe(k);
+  map_.finish();
+  map_.set_aside();
+  int made = 0;
+  for (; made < slots; ++made) {
+    if (test::add_keyframe(map_, SE3()) < 0) break;
+    map_.check_consistency();
+  }
+  EXPECT_EQ(made, slots - 8);
+  EXPECT_TRUE(map_.full());
+  EXPECT_EQ(map_.max_live(), config_.max_keyframes);
+  int place = 0;
+  while (!map_.is_aside(place)) ++place;
+  map_.exchange(place);
+  map_.check_consistency();
+  EXPECT_EQ(map_.live_count(), 8);
+  EXPECT_EQ(map_.erased_count(), 0);
+  EXPECT_EQ(map_.point_count(), 20);
+}
+
 }  // namespace
 }  // namespace pptam
