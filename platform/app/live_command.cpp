@@ -184,7 +184,7 @@ class LiveSession {
     }
     const std::unique_ptr<platform::Camera> camera = open_camera(chosen_, &knowledge.warnings);
     for (const std::string& warning : knowledge.warnings) print_warning(warning);
-    if (chosen_.output.show.where != DisplayChoice::kNone)
+    if (chosen_.output.show.where != DisplayChoice::kNowhere)
       show_.emplace(
           chosen_.output.show, camera->info(), [this](const std::string& text) { status_.say(text); }, camera.get());
     stop_on_signals();

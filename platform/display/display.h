@@ -49,11 +49,11 @@ struct DisplayEntry {
   std::unique_ptr<Display> (*window)(int width, int height) = nullptr;  // null: not this module's
 };
 
-enum class DisplayChoice { kNone, kAuto, kWindow, kScreen };
+enum class DisplayChoice { kNowhere, kAuto, kWindow, kScreen };
 
 // Both throw InputError of one line when it cannot be: which package is missing, or who has the screen.
 std::unique_ptr<Display> open_offscreen(int width, int height);
-// kAuto: a window where a window system runs, else the screen. Not of kNone.
+// kAuto: a window where a window system runs, else the screen. Not of kNowhere.
 std::unique_ptr<Display> open_display(DisplayChoice choice, int width, int height);
 
 }  // namespace pptam::platform

@@ -17,7 +17,7 @@
 namespace pptam::platform {
 
 struct ShowOptions {
-  DisplayChoice where = DisplayChoice::kNone;
+  DisplayChoice where = DisplayChoice::kNowhere;
   int turn_degrees = 0;  // clockwise, for a screen that is mounted sideways
   bool predict = false;  // the pose for the time at which the picture is seen; the frame's times are CLOCK_MONOTONIC
   bool paced = false;    // of what is faster than it was: waits until each frame is due
