@@ -13,6 +13,7 @@
 #include <vector>
 
 #include <pocket_ptam/pocket_ptam.h>
+#include "platform/camera_picture.h"
 #include "platform/input_error.h"
 #include "platform/trajectory.h"
 
@@ -101,6 +102,10 @@ class Camera {
   virtual CameraEvent wait(Frame* frame, int64_t deadline_ns) = 0;
   // Of the frame last delivered: the device may fill its buffer again.
   virtual void give_back() {}
+
+  // Of the frame last delivered, while its pixels are valid: the image that it was made of, with its colours. False:
+  // there is none.
+  virtual bool picture(Picture* /*picture*/) const { return false; }
 
   virtual CameraStatus status() const { return {}; }
 

@@ -1,6 +1,7 @@
 // Where the camera sees a point of the world: the lens and the rolling shutter of core/camera, in the same equations.
-// Stands before the shaders that draw the world, which are compiled for each lens that is met: DISTORTION is 0 none, 1 FOV,
-// 2 radial-tangential, 3 equidistant; ROLLING is 1 with a rolling shutter. (Software renderers compute both sides of an if.)
+// Stands before the shaders that draw the world, which are compiled for each lens that is met, as software renderers
+// compute both sides of an if: DISTORTION is 0 none, 1 FOV, 2 radial-tangential, 3 equidistant; ROLLING is 1 with a
+// rolling shutter, else 0.
 // Camera frame: x right, y down, z forward; pixels: centres at integers.
 
 uniform mat3 R_cw;
@@ -13,7 +14,7 @@ uniform float coeff_4;          // radial-tangential: k3
 uniform float max_radius;       // largest |(x/z, y/z)| that the lens shows
 uniform vec2 line_time;         // seconds from a column, and from a row, to the next
 uniform vec2 middle;            // of the image, pixels: its line is exposed at the timestamp
-uniform float half_readout;     // seconds; no line is earlier or later than that, and a little
+uniform float half_readout;     // seconds: all lines are exposed within so much of the timestamp
 uniform mat3 canvas_px;         // homogeneous pixels of the image to clip coordinates
 uniform float near_z;           // world units: what is nearer is not drawn
 
@@ -45,8 +46,8 @@ vec2 through_lens(vec2 n) {
 #endif
 }
 
-// Pixels times q.z. Beyond the radius that the lens shows its magnification stays, so that what reaches there, or behind
-// the camera, is cut off along straight lines.
+// Pixels times q.z. Beyond max_radius the lens is taken to magnify as at max_radius: what reaches there, or behind the
+// camera, is then cut off along straight lines.
 vec3 homogeneous_px(vec3 q) {
 #if DISTORTION == 0
   vec2 n = q.xy;
@@ -65,8 +66,8 @@ vec3 moved(vec3 q, float dt) {
   return q + first + second + (dt / 3.0) * cross(angular_velocity, second);
 }
 
-// A point of the world where the camera's line sees it that is exposed when the point is there: Camera::project_rolling()
-// of the core, with as many fixed-point passes. Homogeneous pixels; dt: that time after the frame's, seconds.
+// Where a point of the world is seen, in homogeneous pixels, at the time dt (seconds after the frame's) at which its
+// line of the image is exposed: Camera::project_rolling() of the core, with as many fixed-point passes.
 vec3 seen(vec3 p_w, out float dt) {
   vec3 q = R_cw * p_w + t_cw;
   vec3 px = homogeneous_px(q);

@@ -1,5 +1,5 @@
-// The camera's image: colours as they are, or luminance and chroma (BT.601, 16 to 235). Compiled for each KIND that is met:
-// 0 as it is, 1 BGRA, 2 YUYV, 3 NV12, 4 NV21, 5 I420.
+// The camera's image: colours as they are, or luminance and chroma (BT.601, 16 to 235). Compiled for each KIND that is
+// met: 0 as it is, 1 BGRA, 2 YUYV, 3 NV12, 4 NV21, 5 I420.
 #ifdef GL_FRAGMENT_PRECISION_HIGH
 precision highp float;
 #else

@@ -1,10 +1,10 @@
 // The camera's image as a rectangle of the canvas.
-attribute vec2 corner;    // 0 or 1 from the left and from the top
-uniform vec2 image_size;  // pixels
-uniform mat3 canvas_px;   // homogeneous pixels of the image to clip coordinates
+attribute vec2 corner;  // 0 or 1 from the left and from the top
+uniform mat3 canvas;    // homogeneous corners to clip coordinates
+uniform mat3 shown;     // homogeneous corners to places in the image, 0 to 1
 varying vec2 place;
 
 void main() {
-  place = corner;
-  gl_Position = vec4((canvas_px * vec3(corner * image_size - 0.5, 1.0)).xy, 0.0, 1.0);
+  place = (shown * vec3(corner, 1.0)).xy;
+  gl_Position = vec4((canvas * vec3(corner, 1.0)).xy, 0.0, 1.0);
 }

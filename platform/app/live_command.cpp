@@ -166,8 +166,8 @@ class LiveSession {
     try {
       return run_camera();
     } catch (const InputError&) {
-      if (started_ || !interrupted()) throw;
-      status_.say(interruption() + " before the first frame: nothing was done");
+      if (started_ || (!interrupted() && !quit_)) throw;
+      status_.say((quit_ ? "ended" : interruption()) + " before the first frame: nothing was done");
       return kExitOk;
     }
   }
@@ -184,8 +184,9 @@ class LiveSession {
     }
     const std::unique_ptr<platform::Camera> camera = open_camera(chosen_, &knowledge.warnings);
     for (const std::string& warning : knowledge.warnings) print_warning(warning);
-    if (chosen_.output.show.where != DisplayChoice::kNone)
-      show_.emplace(chosen_.output.show, camera->info(), [this](const std::string& text) { status_.say(text); });
+    if (chosen_.output.show.where != DisplayChoice::kNowhere)
+      show_.emplace(
+          chosen_.output.show, camera->info(), [this](const std::string& text) { status_.say(text); }, camera.get());
     stop_on_signals();
     const Runner runner = [&](const StartObserver& on_start, const FrameObserver& on_frame) {
       return live(*camera, on_start, on_frame);
@@ -240,6 +241,11 @@ class LiveSession {
       observer.key = [&keys] { return run_key_of(keys.next()); };
       observer.say = [&](const std::string& text) { status_.say(text); };
     }
+    observer.key = [this, key = observer.key] {
+      const RunKey pressed = key();
+      quit_ = quit_ || pressed == RunKey::kQuit;
+      return pressed;
+    };
     observer.on_result = [&](const TrackResult& result, int64_t arrived_ns) {
       return !poses_ || poses_->add(result, arrived_ns);
     };
@@ -292,6 +298,7 @@ class LiveSession {
   std::optional<ScreenShow> show_;
   LiveResult result_;
   bool started_ = false;
+  bool quit_ = false;  // by a key
 };
 
 void add_camera_options(CLI::App* live, LiveChoice* chosen) {

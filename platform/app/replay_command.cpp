@@ -67,11 +67,18 @@ int repeat_live(const ReplayChoice& chosen, const std::string& command_line) {
     knowledge.warnings.push_back(input.source + ": the recording was broken off; what is there is repeated");
   for (const std::string& warning : knowledge.warnings) print_warning(warning);
   const Watching watching(chosen.output, script.camera);
+  bool whole = true;
   const Runner runner = [&](const StartObserver& on_start, const FrameObserver& on_frame) {
-    return repeat_live_recording(script, run, on_start, on_frame, watching.spectator());
+    RunLog log = repeat_live_recording(script, run, on_start, on_frame, watching.spectator());
+    whole = !log.quit;
+    return log;
   };
   const int code = run_and_write(script.camera.name, {}, runner, run, chosen.output, knowledge, command_line);
-  if (code == kExitOk && script.map_hash) print_line("the same bits as in the live run");
+  if (code == kExitOk && !whole) {
+    print_line("ended by key q: the same bits as in the live run up to there; the rest, and its map, was not compared");
+  } else if (code == kExitOk && script.map_hash) {
+    print_line("the same bits as in the live run");
+  }
   return code;
 }
 

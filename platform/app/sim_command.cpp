@@ -194,7 +194,7 @@ class SimCommand {
     const bool many_runs = studies_.suite || !studies_.study.empty() || studies_.endurance_minutes;
     if ((many_runs || !chosen_.dump.empty()) && (run_.save_map || run_.lock_map || !run_.load_map.empty()))
       throw InputError("--load-map, --save-map and --lock-map belong to a single run");
-    if ((many_runs || !chosen_.dump.empty()) && output_.show.where != DisplayChoice::kNone)
+    if ((many_runs || !chosen_.dump.empty()) && output_.show.where != DisplayChoice::kNowhere)
       throw InputError("--show belongs to a single run");
     if (studies_.suite) return run_suite();
     const bool many_scenes = studies_.study == "culling" || studies_.study == "harsh" ||

@@ -129,7 +129,7 @@ RunLog run_and_show(const Runner& runner, const OutputOptions& output, const Out
         const FrameLog& entry = so_far.frames.back();
         if (tracks != nullptr) tracks->add(result);
         if (*show) (*show)->add(frame, result, entry);
-        if (!output.no_progress && output.show.where == DisplayChoice::kNone)
+        if (!output.no_progress && output.show.where == DisplayChoice::kNowhere)
           progress.show(so_far.source_frames, so_far.camera.frame_count.value_or(0),
                         format("%.1f s  %s, %d keyframes, %d points", so_far.seconds(entry.timestamp_ns),
                                name_of(entry.state), entry.keyframes, entry.map_points));
@@ -291,7 +291,7 @@ void write_map_file(const std::string& file, std::span<const std::byte> map) {
 }
 
 Watching::Watching(const OutputOptions& output, const CameraInfo& camera) {
-  if (output.show.where == DisplayChoice::kNone) return;
+  if (output.show.where == DisplayChoice::kNowhere) return;
   ShowOptions show = output.show;
   show.paced = true;
   show_.emplace(show, camera, [](const std::string& text) { std::fprintf(stderr, "%s\n", printable(text).c_str()); });

@@ -40,6 +40,9 @@ struct DeviceFrame {
   double readout_s = 0;   // from the first line to the last; 0: unknown
   bool broken = false;    // says the driver
   int buffer = -1;        // for give_back()
+  // Of NV12 one plane, of YU12 both: half as wide and high, whole. Null: there is none.
+  const uint8_t* chroma[2] = {nullptr, nullptr};
+  int chroma_stride = 0;  // bytes
 };
 
 // The middle of the exposure of the image's centre: of a shutter that rolls over the whole image in readout_s, be it in

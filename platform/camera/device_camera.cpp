@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <iterator>
 #include <tuple>
 #include <utility>
 
@@ -115,6 +116,7 @@ class DeviceCamera : public Camera {
     } catch (const InputError&) {  // seen again by the next wait()
     }
   }
+  bool picture(Picture* picture) const override;
   CameraStatus status() const override {
     CameraStatus status = status_;
     status.clock = device_->clock();
@@ -285,6 +287,22 @@ bool DeviceCamera::use(const DeviceFrame& raw, Frame* frame) {
   *frame = {view.data, view.width, view.height, view.stride, PixelFormat::kGrey, timestamp_ns};
   // Not later than it is seen, whatever the exposure and readout were said to be.
   status_.arrived_ns = std::min(last_line_ns(raw.stamp, raw.stamp_ns, exposure_s, readout_s), device_->now_ns());
+  return true;
+}
+
+bool DeviceCamera::picture(Picture* picture) const {
+  const bool packed = held_.layout == PixelLayout::kYuyv;
+  if (held_.buffer < 0 || (!packed && held_.chroma[0] == nullptr)) return false;
+  const PixelFormat planar = held_.chroma[1] != nullptr ? PixelFormat::kI420 : PixelFormat::kNv12;
+  *picture = {};
+  picture->frame = {held_.data, held_.width, held_.height, held_.stride, packed ? PixelFormat::kYuyv : planar, 0};
+  std::copy(std::begin(held_.chroma), std::end(held_.chroma), picture->chroma);
+  picture->chroma_stride_bytes = held_.chroma_stride;
+  picture->x = reduction_->crop_x();
+  picture->y = reduction_->crop_y();
+  picture->width = reduction_->cropped_width();
+  picture->height = reduction_->cropped_height();
+  picture->turn_degrees = options_.rotate_degrees;
   return true;
 }
 

@@ -16,7 +16,9 @@ class ImageReduction {
 
   int width() const { return transform_.width(); }
   int height() const { return transform_.height(); }
-  int cropped_width() const { return crop_width_; }  // of the source
+  int crop_x() const { return crop_x_; }  // of the source, as what follows
+  int crop_y() const { return crop_y_; }
+  int cropped_width() const { return crop_width_; }
   int cropped_height() const { return crop_height_; }
 
   CameraModel model(const CameraModel& source) const;              // of the tracked images, from the source's

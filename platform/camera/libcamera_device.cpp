@@ -154,6 +154,7 @@ class LibcameraDevice : public CameraDevice {
   template <class T>
   bool send(const std::string& name, const T& value);
   void map(const lc::FrameBuffer& buffer);
+  void add_chroma(const lc::FrameBuffer& buffer, DeviceFrame* frame) const;
 
   std::shared_ptr<lc::Camera> camera_;
   CameraDescription description_;
@@ -291,10 +292,13 @@ Configuration LibcameraDevice::set_format(const CameraRequest& wanted) {
   return result;
 }
 
-// The first plane, where the luminance lies, or the only one.
+// The first plane, where the luminance lies, or the only one; and those that lie in the same memory.
 void LibcameraDevice::map(const lc::FrameBuffer& buffer) {
   const lc::FrameBuffer::Plane& plane = buffer.planes().front();
-  const size_t bytes = size_t{plane.offset} + plane.length;
+  size_t bytes = 0;
+  for (const lc::FrameBuffer::Plane& other : buffer.planes()) {
+    if (other.fd.get() == plane.fd.get()) bytes = std::max(bytes, size_t{other.offset} + other.length);
+  }
   void* memory = ::mmap(nullptr, bytes, PROT_READ, MAP_SHARED, plane.fd.get(), 0);
   if (memory == MAP_FAILED) throw InputError(description_.address + ": mapping a buffer: " + std::strerror(errno));
   mapped_[&buffer] = {memory, bytes};
@@ -351,6 +355,23 @@ CameraDevice::Wake LibcameraDevice::wait(int64_t deadline_ns) {
   return result < 0 && errno == EINTR ? Wake::kSignal : Wake::kDeadline;
 }
 
+void LibcameraDevice::add_chroma(const lc::FrameBuffer& buffer, DeviceFrame* frame) const {
+  const auto& planes = buffer.planes();
+  const bool semi_planar = planes.size() == 2;
+  if (format_->layout != PixelLayout::kGrey || planes.size() < 2 || planes.size() > 3) return;
+  frame->chroma_stride = semi_planar ? frame->stride : frame->stride / 2;
+  const auto rows = static_cast<size_t>((frame->height + 1) / 2);
+  for (size_t i = 1; i < planes.size(); ++i) {
+    const bool there = planes[i].fd.get() == planes[0].fd.get() &&
+                       planes[i].length >= rows * static_cast<size_t>(frame->chroma_stride);
+    if (!there) {
+      frame->chroma[0] = frame->chroma[1] = nullptr;
+      return;
+    }
+    frame->chroma[i - 1] = static_cast<const uint8_t*>(mapped_.at(&buffer).first) + planes[i].offset;
+  }
+}
+
 bool LibcameraDevice::take(DeviceFrame* frame) {
   lc::Request* request = nullptr;
   {
@@ -375,6 +396,7 @@ bool LibcameraDevice::take(DeviceFrame* frame) {
   frame->height = static_cast<int>(stream.size.height);
   frame->stride = static_cast<int>(stream.stride);
   frame->layout = format_->layout;
+  add_chroma(*buffer, frame);
   frame->broken = request->status() != lc::Request::RequestComplete || filled.status == lc::FrameMetadata::FrameError ||
                   filled.status == lc::FrameMetadata::FrameCancelled;
   if (filled.sequence > 0) frame->sequence = filled.sequence;

@@ -222,6 +222,7 @@ class V4l2Device : public CameraDevice {
   std::unique_ptr<Node> find_node(std::string* place) const;
   Configuration set_format(const CameraRequest& wanted);
   double set_rate(double frames_per_s);
+  void add_chroma(DeviceFrame* frame) const;
   void map_buffers();
   void unmap_buffers() noexcept;
 
@@ -392,6 +393,17 @@ CameraDevice::Wake V4l2Device::wait(int64_t deadline_ns) {
   node_->fail("waiting for a frame");
 }
 
+// Behind the luminance, where they are whole; of sides that are not even drivers differ.
+void V4l2Device::add_chroma(DeviceFrame* frame) const {
+  const bool semi_planar = format_->fourcc == V4L2_PIX_FMT_NV12;
+  if ((!semi_planar && format_->fourcc != V4L2_PIX_FMT_YUV420) || width_ % 2 != 0 || height_ % 2 != 0) return;
+  const size_t luminance = static_cast<size_t>(stride_) * static_cast<size_t>(height_);
+  if (frame->bytes < luminance + luminance / 2) return;
+  frame->chroma[0] = frame->data + luminance;
+  frame->chroma_stride = semi_planar ? stride_ : stride_ / 2;
+  if (!semi_planar) frame->chroma[1] = frame->chroma[0] + luminance / 4;
+}
+
 bool V4l2Device::take(DeviceFrame* frame) {
   if (!refused_.empty()) give_back(refused_.back());
   v4l2_buffer buffer = {};
@@ -412,6 +424,7 @@ bool V4l2Device::take(DeviceFrame* frame) {
   frame->height = height_;
   frame->stride = stride_;
   frame->layout = format_->layout;
+  add_chroma(frame);
   frame->sequence = buffer.sequence;
   frame->broken = (buffer.flags & V4L2_BUF_FLAG_ERROR) != 0;
   frame->buffer = static_cast<int>(buffer.index);

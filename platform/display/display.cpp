@@ -25,20 +25,13 @@ const DisplayEntry& module_entry(const char* name, const std::string& what, cons
   void* const module = ::dlopen(file.c_str(), RTLD_NOW | RTLD_LOCAL);  // for good: drivers do not like to be unloaded
   if (module == nullptr)
     throw InputError(what + ": cannot be used: " + ::dlerror() + " (Debian: install " + run_packages + ")");
-  const auto* entry = static_cast<const DisplayEntry*>(::dlsym(module, kDisplayEntry));
-  if (entry == nullptr || entry->version != kDisplayVersion)
-    throw InputError(file.string() + " is of another version of the program: build again");
+  const auto* entry = static_cast<const DisplayEntry*>(::dlsym(module, PPTAM_DISPLAY_ENTRY));
+  if (entry == nullptr) throw InputError(file.string() + " is of another version of the program: build again");
   return *entry;
 }
 
 const DisplayEntry& display_module(const std::string& what) {
   return module_entry(kModule, what, "libegl-dev libgles-dev libgbm-dev libdrm-dev", "libegl1 libgles2 libgbm1");
-}
-
-}  // namespace
-
-std::unique_ptr<Display> open_offscreen(int width, int height) {
-  return display_module("drawing").offscreen(width, height);
 }
 
 std::unique_ptr<Display> open_screen() {
@@ -51,6 +44,12 @@ std::unique_ptr<Display> open_screen() {
 std::unique_ptr<Display> open_window(int width, int height) {
   return module_entry(kWindowModule, "a window", "libsdl2-dev libgles-dev", "libsdl2-2.0-0 libgles2")
       .window(width, height);
+}
+
+}  // namespace
+
+std::unique_ptr<Display> open_offscreen(int width, int height) {
+  return display_module("drawing").offscreen(width, height);
 }
 
 std::unique_ptr<Display> open_display(DisplayChoice choice, int width, int height) {

@@ -42,23 +42,18 @@ class Display {
   virtual bool poll(DisplayEvent* event) = 0;
 };
 
-// What the modules have, by C names.
+// What the modules have, by the C name PPTAM_DISPLAY_ENTRY.
 struct DisplayEntry {
-  int version = 0;
   std::unique_ptr<Display> (*offscreen)(int width, int height) = nullptr;
   std::unique_ptr<Display> (*screen)() = nullptr;                       // null: built without it
   std::unique_ptr<Display> (*window)(int width, int height) = nullptr;  // null: not this module's
 };
-constexpr int kDisplayVersion = 1;
-constexpr const char* kDisplayEntry = "pptam_display_entry";
 
-// All throw InputError of one line when it cannot be: which package is missing, or who has the screen.
+enum class DisplayChoice { kNowhere, kAuto, kWindow, kScreen };
+
+// Both throw InputError of one line when it cannot be: which package is missing, or who has the screen.
 std::unique_ptr<Display> open_offscreen(int width, int height);
-std::unique_ptr<Display> open_window(int width, int height);
-std::unique_ptr<Display> open_screen();
-
-enum class DisplayChoice { kNone, kAuto, kWindow, kScreen };
-// kAuto: a window where a window system runs, else the screen. Not of kNone.
+// kAuto: a window where a window system runs, else the screen. Not of kNowhere.
 std::unique_ptr<Display> open_display(DisplayChoice choice, int width, int height);
 
 }  // namespace pptam::platform

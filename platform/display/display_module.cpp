@@ -7,8 +7,8 @@
 
 namespace pptam::platform {
 
-extern "C" __attribute__((visibility("default"))) const DisplayEntry pptam_display_entry;
-const DisplayEntry pptam_display_entry = {kDisplayVersion, make_offscreen_display,
+extern "C" __attribute__((visibility("default"))) const DisplayEntry PPTAM_DISPLAY_ENTRY;
+const DisplayEntry PPTAM_DISPLAY_ENTRY = {make_offscreen_display,
 #ifdef PPTAM_KMS
                                           make_kms_display,
 #else

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cstddef>
 
+#include "platform/display/renderer.h"
 #include "platform/input_error.h"
 #include "platform/text.h"
 
@@ -34,7 +35,7 @@ std::string egl_error() {
   }
 }
 
-EglContext::EglContext(EGLenum platform, void* native, EGLint visual) {
+EglContext::EglContext(EGLenum platform, void* native, EGLint visual) : owned_(native != nullptr) {
   const bool surfaceless = platform == EGL_PLATFORM_SURFACELESS_MESA;
   const char* clients = eglQueryString(EGL_NO_DISPLAY, EGL_EXTENSIONS);
   if (!has(clients, "EGL_EXT_platform_base") ||
@@ -50,14 +51,15 @@ EglContext::EglContext(EGLenum platform, void* native, EGLint visual) {
   try {
     const char* extensions = eglQueryString(display_, EGL_EXTENSIONS);
     if (surfaceless && !has(extensions, "EGL_KHR_surfaceless_context"))
-      throw InputError("EGL: the driver has no contexts without a surface");
-    if (eglBindAPI(EGL_OPENGL_ES_API) == EGL_FALSE) throw InputError("EGL: there is no OpenGL ES: " + egl_error());
+      throw InputError(std::string("EGL: the driver has no contexts without a surface") + kOrSoftware);
+    if (eglBindAPI(EGL_OPENGL_ES_API) == EGL_FALSE)
+      throw InputError("EGL: there is no OpenGL ES: " + egl_error() + kOrSoftware);
     choose_config(visual, surfaceless ? 0 : EGL_WINDOW_BIT);
     constexpr EGLint kVersion2[] = {EGL_CONTEXT_CLIENT_VERSION, 2, EGL_NONE};
     context_ = eglCreateContext(display_, config_, EGL_NO_CONTEXT, kVersion2);
-    if (context_ == EGL_NO_CONTEXT) throw InputError("EGL: no context of OpenGL ES 2.0: " + egl_error());
+    if (context_ == EGL_NO_CONTEXT) throw InputError("EGL: no context of OpenGL ES 2.0: " + egl_error() + kOrSoftware);
   } catch (...) {
-    eglTerminate(display_);
+    if (owned_) eglTerminate(display_);
     throw;
   }
 }
@@ -65,7 +67,7 @@ EglContext::EglContext(EGLenum platform, void* native, EGLint visual) {
 EglContext::~EglContext() {
   eglMakeCurrent(display_, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
   eglDestroyContext(display_, context_);
-  eglTerminate(display_);
+  if (owned_) eglTerminate(display_);
 }
 
 void EglContext::choose_config(EGLint visual, EGLint surface_type) {
@@ -92,7 +94,8 @@ void EglContext::choose_config(EGLint visual, EGLint surface_type) {
     return visual == 0 ||
            (eglGetConfigAttrib(display_, config, EGL_NATIVE_VISUAL_ID, &of_config) == EGL_TRUE && of_config == visual);
   });
-  if (found == configs.end()) throw InputError("EGL: the driver has no OpenGL ES 2.0 with 8 bits a colour");
+  if (found == configs.end())
+    throw InputError(std::string("EGL: the driver has no OpenGL ES 2.0 with 8 bits a colour") + kOrSoftware);
   config_ = *found;
 }
 

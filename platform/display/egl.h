@@ -26,6 +26,8 @@ class EglContext {
  private:
   void choose_config(EGLint visual, EGLint surface_type);
 
+  // EGL has one display for each native one: without any it is the whole process', and others draw with it.
+  bool owned_;
   EGLDisplay display_ = EGL_NO_DISPLAY;
   EGLConfig config_ = nullptr;
   EGLContext context_ = EGL_NO_CONTEXT;

@@ -107,16 +107,16 @@ void add_face(const Face& face, const Site& site, WorldModel* model) {
     }
   }
   const Rgba dark = shaded(face.colour, 0.6f * light);
-  WorldLine outline;
-  outline.width_px = 1.2f;
-  for (int i = 0; i <= 4 * kPieces; ++i) {
-    const auto side = static_cast<size_t>(i / kPieces % 4);
-    const float along = static_cast<float>(i % kPieces) / kPieces;
-    const Vector3f p_h = (1 - along) * c[side] + along * c[(side + 1) % 4];
-    if (i > 0 && c[side] == c[(side + 1) % 4]) continue;  // a triangle
-    outline.points.push_back({site.to_world(p_h), dark});
+  for (size_t side = 0; side < 4; ++side) {
+    const Vector3f& from = c[side];
+    const Vector3f& to = c[(side + 1) % 4];
+    if (from == to) continue;  // a triangle
+    WorldLine edge;
+    edge.width_px = 1.2f;
+    for (int i = 0; i <= kPieces; ++i)
+      edge.points.push_back({site.to_world(from + static_cast<float>(i) / kPieces * (to - from)), dark});
+    model->edges.push_back(edge);
   }
-  model->edges.push_back(outline);
 }
 
 // Corners of the smallest convex polygon around them, counter-clockwise; Andrew's monotone chain.
@@ -203,11 +203,10 @@ void add_camera(const pptam::Camera& camera, const SE3& T_cw, float depth, const
   size_t i = 0;
   for (const Vector2f& px : {Vector2f(0, 0), Vector2f(right, 0), Vector2f(right, low), Vector2f(0, low)})
     corners[i++] = T_wc * Vector3f(depth * camera.unproject(px).homogeneous());
-  WorldLine frame;
-  frame.width_px = width_px;
-  for (i = 0; i <= 4; ++i) frame.points.push_back({corners[i % 4], colour});
-  model->wires.push_back(frame);
-  for (const Vector3f& corner : corners) model->wires.push_back({{{T_wc.t, colour}, {corner, colour}}, width_px});
+  for (i = 0; i < 4; ++i) {
+    model->wires.push_back({{{corners[i], colour}, {corners[(i + 1) % 4], colour}}, width_px});
+    model->wires.push_back({{{T_wc.t, colour}, {corners[i], colour}}, width_px});
+  }
 }
 
 // Of the points' coordinate: without the outermost twentieths, which may be anywhere.

@@ -28,6 +28,7 @@ namespace pptam::platform {
 namespace {
 
 constexpr int64_t kLookEvery_ns = 500'000'000;   // at connectors, and at a screen that another program has
+constexpr int64_t kTryEvery_ns = 2'000'000'000;  // to find a screen that was plugged in, and to draw on it
 constexpr int64_t kLostFlip_ns = 1'000'000'000;  // a picture that was not shown by then never will be
 
 int64_t now_ns() {
@@ -44,6 +45,10 @@ struct ResourcesDeleter {
   void operator()(drmModeRes* resources) const { drmModeFreeResources(resources); }
 };
 using Resources = std::unique_ptr<drmModeRes, ResourcesDeleter>;
+struct EncoderDeleter {
+  void operator()(drmModeEncoder* encoder) const { drmModeFreeEncoder(encoder); }
+};
+using Encoder = std::unique_ptr<drmModeEncoder, EncoderDeleter>;
 
 bool is_connected(const Connector& connector) {
   return connector && connector->connection == DRM_MODE_CONNECTED && connector->count_modes > 0;
@@ -76,7 +81,7 @@ class Card {
         continue;
       }
       if (find_screen()) return;
-      if (has_connectors_) trouble = path + ": no screen is connected";
+      if (has_connectors_) trouble = path + ": no screen is connected: plug one in, and switch it on";
       ::close(fd_);
     }
     throw InputError("a screen: " + trouble);
@@ -91,12 +96,16 @@ class Card {
   const drmModeModeInfo& mode() const { return mode_; }
   const std::string& name() const { return name_; }
 
-  bool connected() const {
-    const Connector connector(
-        drmModeGetConnectorCurrent(fd_, connector_));  // does not ask the screen, which takes long
-    return connector && connector->connection == DRM_MODE_CONNECTED;
+  // As the kernel has noticed: asking the screen itself takes a tenth of a second and more.
+  bool connected() const { return said_connected(connector_); }
+  bool any_connected() const {
+    const Resources resources(drmModeGetResources(fd_));
+    for (int i = 0; resources && i < resources->count_connectors; ++i) {
+      if (said_connected(resources->connectors[i])) return true;
+    }
+    return false;
   }
-  // The first connected screen, with its mode.
+  // The first connected screen, with its mode: asks all of them.
   bool find_screen() {
     const Resources resources(drmModeGetResources(fd_));
     if (!resources) return false;
@@ -113,20 +122,21 @@ class Card {
   }
 
  private:
+  bool said_connected(uint32_t id) const {
+    const Connector connector(drmModeGetConnectorCurrent(fd_, id));
+    return connector && connector->connection == DRM_MODE_CONNECTED;
+  }
   // What feeds the connector: the one that does already, else one that can.
   bool find_crtc(const drmModeRes& resources, const drmModeConnector& connector) {
+    const Encoder present(drmModeGetEncoder(fd_, connector.encoder_id));
+    if (present && present->crtc_id != 0) {
+      crtc_ = present->crtc_id;
+      return true;
+    }
     for (int i = 0; i < connector.count_encoders; ++i) {
-      drmModeEncoder* encoder = drmModeGetEncoder(fd_, connector.encoders[i]);
-      if (encoder == nullptr) continue;
-      const uint32_t possible = encoder->possible_crtcs;
-      const uint32_t present = encoder->encoder_id == connector.encoder_id ? encoder->crtc_id : 0;
-      drmModeFreeEncoder(encoder);
-      if (present != 0) {
-        crtc_ = present;
-        return true;
-      }
-      for (int k = 0; k < resources.count_crtcs; ++k) {
-        if ((possible >> k & 1) == 0) continue;
+      const Encoder encoder(drmModeGetEncoder(fd_, connector.encoders[i]));
+      for (int k = 0; encoder && k < resources.count_crtcs; ++k) {
+        if ((encoder->possible_crtcs >> k & 1) == 0) continue;
         crtc_ = resources.crtcs[k];
         return true;
       }
@@ -143,7 +153,7 @@ class Card {
 
 class KmsDisplay : public Display {
  public:
-  KmsDisplay() : input_(!console_.there()) {
+  KmsDisplay() : input_(::isatty(STDIN_FILENO) == 0) {
     drmSetMaster(card_.fd());
     if (drmIsMaster(card_.fd()) == 0)
       throw InputError("screen " + card_.name() +
@@ -154,6 +164,7 @@ class KmsDisplay : public Display {
       throw InputError("screen " + card_.name() + ": GBM has no driver for it (Debian: libgl1-mesa-dri)");
     try {
       crtc_before_ = drmModeGetCrtc(card_.fd(), card_.crtc());
+      connector_before_ = card_.connector();
       egl_ = std::make_unique<EglContext>(EGL_PLATFORM_GBM_KHR, gbm_, static_cast<EGLint>(GBM_FORMAT_XRGB8888));
       make_surface();
       renderer_ = std::make_unique<Renderer>();
@@ -187,6 +198,7 @@ class KmsDisplay : public Display {
     egl_->make_current(surface_);
     renderer_->draw(scene, false);
     if (rgba != nullptr) read_pixels(width(), height(), true, rgba);
+    Renderer::check();
     if (eglSwapBuffers(egl_->display(), surface_) == EGL_FALSE)
       throw InputError("screen " + card_.name() + ": " + egl_error());
     gbm_bo* buffer = gbm_surface_lock_front_buffer(gbm_surface_);
@@ -273,13 +285,17 @@ class KmsDisplay : public Display {
       take_flips();
     }
     if (crtc_before_ != nullptr) {  // the console's picture
-      uint32_t connector = card_.connector();
       if (!away_ && !unplugged_)
         drmModeSetCrtc(card_.fd(), crtc_before_->crtc_id, crtc_before_->buffer_id, crtc_before_->x, crtc_before_->y,
-                       &connector, 1, &crtc_before_->mode);
+                       &connector_before_, 1, &crtc_before_->mode);
       drmModeFreeCrtc(crtc_before_);
     }
-    renderer_.reset();
+    try {
+      if (renderer_) egl_->make_current(surface_);  // an overlay's may be: what it has is not to go
+      renderer_.reset();
+    } catch (const InputError&) {
+      static_cast<void>(renderer_.release());  // nothing of it can be asked to go
+    }
     drop_surface();
     egl_.reset();
     if (gbm_ != nullptr) gbm_device_destroy(gbm_);
@@ -350,10 +366,18 @@ class KmsDisplay : public Display {
       unplugged_ = true;
       return tell("was unplugged; waiting for it");
     }
+    if (!card_.any_connected()) return;
+    look_at_connector_ns_ = time_ns + kTryEvery_ns;
     if (!card_.find_screen()) return;
     drop_surface();  // another screen may have another mode
-    make_surface();
-    unplugged_ = false;
+    try {
+      make_surface();
+    } catch (const InputError& error) {
+      if (!std::exchange(refused_, true)) events_.push_back({DisplayEvent::Kind::kNotice, 0, error.what()});
+      return;
+    }
+    look_at_connector_ns_ = time_ns + kLookEvery_ns;
+    unplugged_ = refused_ = false;
     tell("is plugged in");
   }
 
@@ -362,6 +386,7 @@ class KmsDisplay : public Display {
   PointerInput input_;
   gbm_device* gbm_ = nullptr;
   drmModeCrtc* crtc_before_ = nullptr;
+  uint32_t connector_before_ = 0;
   std::unique_ptr<EglContext> egl_;
   gbm_surface* gbm_surface_ = nullptr;
   EGLSurface surface_ = EGL_NO_SURFACE;
@@ -373,7 +398,8 @@ class KmsDisplay : public Display {
   bool mode_set_ = false;
   bool away_ = false;  // on another console
   bool unplugged_ = false;
-  bool lost_ = false;  // the kernel refuses our pictures
+  bool refused_ = false;  // a screen was plugged in that cannot be drawn on
+  bool lost_ = false;     // the kernel refuses our pictures
   std::deque<DisplayEvent> events_;
 };
 

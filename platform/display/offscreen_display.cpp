@@ -23,9 +23,18 @@ class OffscreenDisplay : public Display {
     attach(buffers_[0], GL_RGBA8_OES, GL_COLOR_ATTACHMENT0);
     attach(buffers_[1], GL_DEPTH_COMPONENT16, GL_DEPTH_ATTACHMENT);
     if (glCheckFramebufferStatus(GL_FRAMEBUFFER) != GL_FRAMEBUFFER_COMPLETE)
-      throw InputError("EGL: " + Renderer::driver() + " does not draw pictures of this size");
+      throw InputError("EGL: " + Renderer::driver() + " does not draw pictures of this size" + kOrSoftware);
     renderer_ = std::make_unique<Renderer>();
   }
+  ~OffscreenDisplay() override {
+    try {
+      context_.make_current(EGL_NO_SURFACE);  // another display's may be: what it has is not to go
+    } catch (const InputError&) {
+      static_cast<void>(renderer_.release());  // nothing of it can be asked to go
+    }
+  }
+  OffscreenDisplay(const OffscreenDisplay&) = delete;
+  OffscreenDisplay& operator=(const OffscreenDisplay&) = delete;
 
   std::string describe() const override { return "off-screen, " + Renderer::driver(); }
   int width() const override { return width_; }
@@ -37,9 +46,7 @@ class OffscreenDisplay : public Display {
     glBindFramebuffer(GL_FRAMEBUFFER, target_);
     renderer_->draw(scene, true);
     if (rgba != nullptr) read_pixels(width_, height_, false, rgba);
-    const GLenum error = glGetError();
-    if (error != GL_NO_ERROR)
-      throw InputError("drawing: " + Renderer::driver() + " failed, error " + std::to_string(error));
+    Renderer::check();
   }
 
  private:

@@ -3,6 +3,7 @@
 #include <fcntl.h>
 #include <linux/input.h>
 #include <sys/ioctl.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <array>
@@ -37,12 +38,16 @@ char character_of(unsigned code) {
       return 'r';
     case KEY_L:
       return 'l';
+    case KEY_M:
+      return 'm';
     case KEY_S:
       return 's';
     case KEY_P:
       return 'p';
     case KEY_V:
       return 'v';
+    case KEY_H:
+      return 'h';
     case KEY_Q:
     case KEY_ESC:
       return 'q';
@@ -54,8 +59,8 @@ char character_of(unsigned code) {
 }  // namespace
 
 PointerInput::~PointerInput() {
-  for (const auto& [path, fd] : devices_) {
-    if (fd >= 0) ::close(fd);
+  for (const auto& [path, device] : devices_) {
+    if (device.fd >= 0) ::close(device.fd);
   }
 }
 
@@ -64,13 +69,17 @@ void PointerInput::look_for_devices() {
   for (std::filesystem::directory_iterator entry("/dev/input", error), end; !error && entry != end;
        entry.increment(error)) {
     const std::string path = entry->path().string();
-    if (entry->path().filename().string().rfind("event", 0) != 0 || devices_.count(path) != 0) continue;
+    struct stat node = {};
+    if (entry->path().filename().string().rfind("event", 0) != 0 || ::stat(path.c_str(), &node) != 0) continue;
+    const auto known = devices_.find(path);
+    if (known != devices_.end() && (known->second.fd >= 0 || known->second.node == node.st_ino)) continue;
     int fd = ::open(path.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC);
-    if (fd >= 0 && !has_key(fd, BTN_LEFT) && !has_key(fd, BTN_TOUCH) && !(with_keys_ && has_key(fd, KEY_T))) {
+    if (fd < 0) continue;  // tried again: a new device is root's alone for a moment
+    if (!has_key(fd, BTN_LEFT) && !has_key(fd, BTN_TOUCH) && !(with_keys_ && has_key(fd, KEY_T))) {
       ::close(fd);
       fd = -1;
     }
-    devices_[path] = fd;
+    devices_[path] = {fd, node.st_ino};
   }
 }
 
@@ -83,14 +92,15 @@ PointerInput::What PointerInput::next(char* key) {
   for (auto device = devices_.begin(); device != devices_.end();) {
     input_event event = {};
     ssize_t got = 0;
-    while (device->second >= 0 && (got = ::read(device->second, &event, sizeof event)) == sizeof event) {
+    const int fd = device->second.fd;
+    while (fd >= 0 && (got = ::read(fd, &event, sizeof event)) == sizeof event) {
       if (event.type != EV_KEY || event.value != 1) continue;
       if (event.code == BTN_LEFT || event.code == BTN_TOUCH) return What::kTap;
       *key = with_keys_ ? character_of(event.code) : '\0';
       if (*key != 0) return What::kKey;
     }
-    const bool gone = device->second >= 0 && got < 0 && errno == ENODEV;
-    if (gone) ::close(device->second);
+    const bool gone = fd >= 0 && got < 0 && errno == ENODEV;
+    if (gone) ::close(fd);
     device = gone ? devices_.erase(device) : std::next(device);
   }
   return What::kNothing;

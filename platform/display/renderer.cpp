@@ -41,7 +41,7 @@ GLuint compiled(GLenum kind, const std::string& source) {
   if (good != 0) return shader;
   char why[512] = "";
   glGetShaderInfoLog(shader, sizeof why, nullptr, why);
-  throw InputError("the display's driver, " + Renderer::driver() + ", does not take a shader: " + why);
+  throw InputError("the display's driver, " + Renderer::driver() + ", does not take a shader: " + why + kOrSoftware);
 }
 
 GLuint linked(const std::string& vertex, const std::string& fragment, const Attributes& attributes) {
@@ -60,7 +60,7 @@ GLuint linked(const std::string& vertex, const std::string& fragment, const Attr
   if (good != 0) return program;
   char why[512] = "";
   glGetProgramInfoLog(program, sizeof why, nullptr, why);
-  throw InputError("the display's driver, " + Renderer::driver() + ", does not link a shader: " + why);
+  throw InputError("the display's driver, " + Renderer::driver() + ", does not link a shader: " + why + kOrSoftware);
 }
 
 void bind(GLuint buffer, const Attributes& attributes) {
@@ -125,6 +125,30 @@ Eigen::Matrix3f image_to_canvas(const Area& view, int width, int height) {
   return matrix;
 }
 
+// Of a part of an image that is shown, perhaps turned: corners of what is seen to places in the image, all from 0 to 1.
+Eigen::Matrix3f corners_to_image(const Picture& picture) {
+  const bool all = picture.width == 0;
+  const auto width = static_cast<float>(picture.frame.width);
+  const auto height = static_cast<float>(picture.frame.height);
+  Eigen::Matrix3f part, turn;
+  part << (all ? 1 : static_cast<float>(picture.width) / width), 0, static_cast<float>(picture.x) / width, 0,
+      (all ? 1 : static_cast<float>(picture.height) / height), static_cast<float>(picture.y) / height, 0, 0, 1;
+  switch (picture.turn_degrees) {
+    case 90:
+      turn << 0, 1, 0, -1, 0, 1, 0, 0, 1;
+      break;
+    case 180:
+      turn << -1, 0, 1, 0, -1, 1, 0, 0, 1;
+      break;
+    case 270:
+      turn << 0, -1, 1, 1, 0, 0, 0, 0, 1;
+      break;
+    default:
+      turn.setIdentity();
+  }
+  return part * turn;
+}
+
 }  // namespace
 
 GLint Renderer::Program::at(const std::string& uniform) {
@@ -136,6 +160,14 @@ GLint Renderer::Program::at(const std::string& uniform) {
 std::string Renderer::driver() {
   const GLubyte* name = glGetString(GL_RENDERER);
   return name == nullptr ? "without a name" : reinterpret_cast<const char*>(name);
+}
+
+void Renderer::check() {
+  const GLenum error = glGetError();
+  if (error == GL_NO_ERROR) return;
+  throw InputError(error == GL_OUT_OF_MEMORY
+                       ? "drawing: " + driver() + " has no memory for it: try smaller images or a smaller window"
+                       : "drawing: " + driver() + " failed, error " + std::to_string(error) + kOrSoftware);
 }
 
 Renderer::Renderer() {
@@ -203,11 +235,7 @@ void Renderer::draw(const Scene& scene, bool upside_down) {
   glClear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
   glDisable(GL_BLEND);
   clip_to(scene.view);
-  if (scene.picture) {
-    const Frame& frame = scene.picture->frame;
-    image_to_clip_ = canvas_to_clip_ * image_to_canvas(scene.view, frame.width, frame.height);
-    draw_picture(*scene.picture);
-  }
+  if (scene.picture) draw_picture(*scene.picture, scene.view);
   glEnable(GL_BLEND);
   glBlendFuncSeparate(GL_SRC_ALPHA, GL_ONE_MINUS_SRC_ALPHA, GL_ZERO, GL_ONE);
   if (scene.eye) {
@@ -235,15 +263,18 @@ void Renderer::clip_to(const Area& area) const {
   glScissor(low(a.x(), b.x()), low(a.y(), b.y()), size(a.x(), b.x()), size(a.y(), b.y()));
 }
 
-void Renderer::draw_picture(const Picture& picture) {
+void Renderer::draw_picture(const Picture& picture, const Area& view) {
   const Frame& frame = picture.frame;
+  const bool again = frame.data == nullptr;
+  if (again && (plane_sizes_[0][0] != frame.width || plane_sizes_[0][1] != frame.height)) return;  // none was drawn
   const int half_width = (frame.width + 1) / 2;
   const int half_height = (frame.height + 1) / 2;
   const auto plane = [&](int unit, GLenum format, int width, int bytes) {
     set_plane(unit, format, width, frame.height, bytes, frame.data, frame.stride_bytes);
   };
   const auto chroma = [&](int unit, GLenum format, int bytes) {
-    set_plane(unit, format, half_width, half_height, bytes, picture.chroma[unit - 1], picture.chroma_stride_bytes);
+    const uint8_t* data = again ? nullptr : picture.chroma[unit - 1];
+    set_plane(unit, format, half_width, half_height, bytes, data, picture.chroma_stride_bytes);
   };
   size_t kind = 0;
   switch (frame.format) {
@@ -282,8 +313,10 @@ void Renderer::draw_picture(const Picture& picture) {
     program.name = linked(shaders::kPictureVert, "#define KIND " + std::to_string(kind) + "\n" + shaders::kPictureFrag,
                           kCornerVertex);
   glUseProgram(program.name);
-  set(program.at("canvas_px"), image_to_clip_);
-  glUniform2f(program.at("image_size"), static_cast<float>(frame.width), static_cast<float>(frame.height));
+  Eigen::Matrix3f corners_to_canvas;
+  corners_to_canvas << view.width, 0, view.x, 0, view.height, view.y, 0, 0, 1;
+  set(program.at("canvas"), canvas_to_clip_ * corners_to_canvas);
+  set(program.at("shown"), corners_to_image(picture));
   for (const auto& [name, unit] : {std::pair("plane_0", 0), std::pair("plane_1", 1), std::pair("plane_2", 2)})
     glUniform1i(program.at(name), unit);
   bind(corners_.vertices, kCornerVertex);
@@ -299,7 +332,7 @@ void Renderer::set_plane(int unit, GLenum format, int width, int height, int byt
     throw InputError("the display draws images of up to " + std::to_string(largest) +
                      " pixels a side only: make them smaller");
   const auto row = static_cast<size_t>(width) * static_cast<size_t>(bytes_per_pixel);
-  if (static_cast<size_t>(stride_bytes) != row) {  // OpenGL ES 2.0 knows no gaps between rows
+  if (data != nullptr && static_cast<size_t>(stride_bytes) != row) {  // OpenGL ES 2.0 knows no gaps between rows
     packed_.resize(row * static_cast<size_t>(height));
     for (int y = 0; y < height; ++y)
       std::memcpy(packed_.data() + static_cast<size_t>(y) * row, data + static_cast<ptrdiff_t>(y) * stride_bytes, row);
@@ -309,7 +342,8 @@ void Renderer::set_plane(int unit, GLenum format, int width, int height, int byt
   glActiveTexture(GL_TEXTURE0 + static_cast<GLenum>(unit));
   glBindTexture(GL_TEXTURE_2D, planes_[index]);
   const std::array<int, 3> size = {width, height, static_cast<int>(format)};
-  if (plane_sizes_[index] == size) {
+  if (data == nullptr) {  // it holds the picture drawn last
+  } else if (plane_sizes_[index] == size) {
     glTexSubImage2D(GL_TEXTURE_2D, 0, 0, 0, width, height, format, GL_UNSIGNED_BYTE, data);
   } else {
     glTexImage2D(GL_TEXTURE_2D, 0, static_cast<GLint>(format), width, height, 0, format, GL_UNSIGNED_BYTE, data);

@@ -18,6 +18,9 @@
 
 namespace pptam::platform {
 
+// At the end of what is said of a driver that does not do it.
+inline constexpr const char* kOrSoftware = ": try LIBGL_ALWAYS_SOFTWARE=1, Mesa's software renderer";
+
 struct VertexAttribute {
   const char* name;
   GLint floats;
@@ -34,6 +37,8 @@ class Renderer {
   // upside_down: the target's rows begin at the top, as those of a picture that is to be read.
   void draw(const Scene& scene, bool upside_down);
 
+  // After drawing: throws InputError if the driver has failed, such as for want of memory.
+  static void check();
   // How the driver calls itself: "llvmpipe (LLVM 15.0.6, 256 bits)".
   static std::string driver();
 
@@ -57,7 +62,7 @@ class Renderer {
     Program triangles, points, lines;
   };
 
-  void draw_picture(const Picture& picture);
+  void draw_picture(const Picture& picture, const Area& view);
   void draw_ground(const WorldModel& model, const Eye& eye);
   void draw_standing(const WorldModel& model, const Eye& eye);  // after draw_ground() of all
   void see(const Eye& eye);

@@ -10,7 +10,7 @@
 #include <vector>
 
 #include <pocket_ptam/camera.h>
-#include <pocket_ptam/image.h>
+#include "platform/camera_picture.h"
 
 namespace pptam::platform {
 
@@ -23,19 +23,12 @@ struct Area {
   float x = 0, y = 0, width = 0, height = 0;
 };
 
-// The camera's image. Grey and packed formats are shown as they are; planar ones grey, unless their chroma is given.
-struct Picture {
-  Frame frame;
-  const uint8_t* chroma[2] = {nullptr,
-                              nullptr};  // NV12, NV21: one plane; I420: both. Half as wide and high, rounded up
-  int chroma_stride_bytes = 0;
-};
-
 struct WorldVertex {
   Vector3f p_w = Vector3f::Zero();
   Rgba colour;
 };
-// Straight between its points on the canvas, and as wide everywhere: lens and shutter bend what has many points.
+// Straight between its points on the canvas, and as wide everywhere: lens and shutter bend what has many points. Where
+// two pieces meet they share their ends: corners need lines of their own.
 struct WorldLine {
   std::vector<WorldVertex> points;
   float width_px = 1;  // of the canvas
@@ -99,7 +92,7 @@ struct Scene {
   int turn_degrees = 0;       // of the canvas on the screen, clockwise: 0, 90, 180, 270
   Rgba background;
   Area view;                       // where image and world are; what reaches out of it is cut off
-  std::optional<Picture> picture;  // fills the view
+  std::optional<Picture> picture;  // what is shown of it fills the view
   std::vector<Shape> marks;        // over image and ground, under what stands on it; cut off with the view
   std::optional<Eye> eye;          // its camera's image fills the view
   std::vector<const WorldModel*> models;

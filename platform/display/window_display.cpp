@@ -70,6 +70,7 @@ class WindowDisplay : public Display {
     if (SDL_GL_MakeCurrent(window_, context_) != 0) throw no_window("its picture is gone");
     renderer_->draw(scene, false);
     if (rgba != nullptr) read_pixels(width(), height(), true, rgba);
+    Renderer::check();
     SDL_GL_SwapWindow(window_);
     SDL_GL_MakeCurrent(window_, nullptr);  // SDL does not see when another display's context becomes current
   }
@@ -83,10 +84,12 @@ class WindowDisplay : public Display {
     SDL_Event happened;
     while (!closed_ && SDL_PollEvent(&happened) != 0) {
       switch (happened.type) {
-        case SDL_KEYDOWN:
-          if (happened.key.repeat != 0 || happened.key.keysym.sym > '~' || happened.key.keysym.sym < ' ') break;
-          *event = {DisplayEvent::Kind::kKey, static_cast<char>(happened.key.keysym.sym), ""};
+        case SDL_KEYDOWN: {
+          const SDL_Keycode key = happened.key.keysym.sym;
+          if (happened.key.repeat != 0 || (key != SDLK_ESCAPE && (key > '~' || key < ' '))) break;
+          *event = {DisplayEvent::Kind::kKey, key == SDLK_ESCAPE ? 'q' : static_cast<char>(key), ""};
           return true;
+        }
         case SDL_MOUSEBUTTONDOWN:
           if (happened.button.button != SDL_BUTTON_LEFT) break;
           [[fallthrough]];
@@ -162,7 +165,7 @@ std::unique_ptr<Display> make_window(int width, int height) {
 
 }  // namespace
 
-extern "C" __attribute__((visibility("default"))) const DisplayEntry pptam_display_entry;
-const DisplayEntry pptam_display_entry = {kDisplayVersion, nullptr, nullptr, make_window};
+extern "C" __attribute__((visibility("default"))) const DisplayEntry PPTAM_DISPLAY_ENTRY;
+const DisplayEntry PPTAM_DISPLAY_ENTRY = {nullptr, nullptr, make_window};
 
 }  // namespace pptam::platform

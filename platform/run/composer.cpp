@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <limits>
 
 #include "platform/run/names.h"
 #include "platform/text.h"
@@ -111,28 +112,40 @@ void Composer::begin(const Canvas& canvas, float shape, const TrackResult& resul
   scene_.view = {std::floor(0.5f * (width - view_width)), std::floor(0.5f * (room - view_height)), view_width,
                  view_height};
   add_panel(log, room, width);
-  if (result.pose_valid && !site_) {
-    site_ = place_house(result.T_cw, initial_baseline_);
-    site_model_ = make_site_model(*site_);
-  }
-  if (log.state == TrackingState::kInitialising || log.state == TrackingState::kWaiting)
-    site_.reset();  // a new map will be another world
+  follow(result);
 }
 
-const Scene& Composer::camera_view(const Frame& frame, const TrackResult& result, const FrameLog& log,
+void Composer::follow(const TrackResult& result) {
+  if (result.maps == 0) sites_.clear();  // a new map will be another world
+  site_ = nullptr;
+  if (result.map == 0) return;
+  const auto known = sites_.find(result.map);
+  if (known == sites_.end() && !result.pose_valid) return;
+  if (known != sites_.end()) {
+    site_ = &known->second;
+  } else {
+    site_ = &sites_.emplace(result.map, place_house(result.T_cw, initial_baseline_)).first->second;
+  }
+  if (result.map == site_model_map_) return;
+  site_model_ = make_site_model(*site_);
+  site_model_map_ = result.map;
+}
+
+const Scene& Composer::camera_view(const Picture& picture, const TrackResult& result, const FrameLog& log,
                                    const Canvas& canvas, double ahead_s) {
-  begin(canvas, static_cast<float>(frame.width) / static_cast<float>(frame.height), result, log);
-  scene_.picture.emplace();
-  scene_.picture->frame = frame;
-  add_points(result.points, scene_.view.width / static_cast<float>(frame.width));
-  if (!result.pose_valid) return scene_;
+  const auto width = static_cast<float>(camera_.model.width);  // of the tracked image
+  begin(canvas, width / static_cast<float>(camera_.model.height), result, log);
+  scene_.picture = picture;
+  add_points(result.points, scene_.view.width / width);
+  if (!result.pose_valid || site_ == nullptr) return scene_;
   Eye eye;
   eye.camera = pptam::Camera{camera_.model, camera_.shutter};
   eye.T_cw = pose_at(result.T_cw, result.velocity, static_cast<float>(ahead_s));
   eye.velocity = result.velocity;
   eye.near_z = 0.05f * site_->house_size;
-  const float distance = (site_->anchor_w - eye.T_cw.centre()).norm();
-  eye.near_faces_z = std::max(eye.near_z, 0.5f * (distance - site_->house_size));
+  float nearest_z = std::numeric_limits<float>::max();
+  for (const Vector3f& p_h : house_corners()) nearest_z = std::min(nearest_z, (eye.T_cw * site_->to_world(p_h)).z());
+  eye.near_faces_z = std::max(eye.near_z, 0.5f * nearest_z);  // half of it: the shutter moves corners, too
   scene_.eye = eye;
   scene_.models.push_back(&site_model_);
   return scene_;
@@ -209,7 +222,7 @@ void Composer::add_points(std::span<const ObservedPoint> points, float scale) {
   }
 }
 
-// State, quality and hint; counts, misfit and cost; progress of the initialisation above, below how much of the time
+// State, quality and hint; counts, residual and cost; progress of the initialisation above, below how much of the time
 // between two frames tracking took.
 void Composer::add_panel(const FrameLog& log, float top, float width) {
   const float unit = unit_;
@@ -242,7 +255,7 @@ void Composer::add_panel(const FrameLog& log, float top, float width) {
     text = format("%.0f %% ready", static_cast<double>(100 * progress));
   } else {
     text = format("found %d of %d", log.points_found, log.points_attempted);
-    if (log.pose_valid) text += format("   misfit %.2f px", static_cast<double>(log.reprojection_px));
+    if (log.pose_valid) text += format("   residual %.2f px", static_cast<double>(log.reprojection_px));
     text += format("   keyframes %d   points %d   %.0f ms", log.keyframes, log.map_points, track_ms);
   }
   add_text(TextStyle::kSmall, 12 * unit, top + 54 * unit, text, faint(kText, 0.75f));

@@ -1,10 +1,11 @@
 // A frame and what was found in it as a Scene: the camera's image with the points that were searched, grid and house on
-// the map's ground, and a panel below with state, hint, quality, misfit, counts and time; or the map from above.
+// the map's ground, and a panel below with state, hint, quality, residual, counts and time; or the map from above.
 //
 // The house goes through the camera model, distortion and shutter included, so a wrong pose shows as a house that
 // slides.
 #pragma once
 
+#include <map>
 #include <optional>
 #include <span>
 #include <string>
@@ -32,14 +33,17 @@ class Composer {
 
   // The scenes are valid until the next call, and as long as the frame's pixels are.
   // ahead_s: how long after the frame's time the picture will be seen; the pose is predicted for then by its velocity.
-  const Scene& camera_view(const Frame& frame, const TrackResult& result, const FrameLog& log, const Canvas& canvas,
+  // picture: of the tracked image, or of that which it was made of.
+  const Scene& camera_view(const Picture& picture, const TrackResult& result, const FrameLog& log, const Canvas& canvas,
                            double ahead_s = 0);
   const Scene& map_view(const TrackResult& result, const FrameLog& log, std::span<const MapPointInfo> points,
                         std::span<const KeyframeInfo> keyframes, const Canvas& canvas);
+  // Of each frame that is not drawn: each map's world has a house of its own.
+  void follow(const TrackResult& result);
   // Of the scene composed last: a line over the view.
   void add_notice(const std::string& text);
 
-  const std::optional<Site>& site() const { return site_; }
+  const Site* site() const { return site_; }  // in the map of the last frame; null: none yet
 
  private:
   void begin(const Canvas& canvas, float shape, const TrackResult& result, const FrameLog& log);
@@ -52,7 +56,9 @@ class Composer {
   float initial_baseline_;
   float unit_ = 0;  // of the panel's sizes, pixels
   std::optional<Lettering> lettering_;
-  std::optional<Site> site_;
+  std::map<int, Site> sites_;   // by TrackResult::map
+  const Site* site_ = nullptr;  // one of them
+  int site_model_map_ = 0;      // whose house site_model_ is
   WorldModel site_model_, map_model_;
   Scene scene_;
 };

@@ -6,6 +6,7 @@
 #include <new>
 #include <optional>
 #include <utility>
+#include <vector>
 
 #include "platform/input_error.h"
 #include "platform/run/interruption.h"
@@ -54,6 +55,7 @@ class LiveRun {
       throw;
     }
     begun_ns_ = clock_.now_ns();
+    for (const RunKey key : early_) press(key);
     for (bool there = fresh_frame(&frame); there && !over_; there = next_frame(&frame)) track(frame);
     return finish();
   }
@@ -90,6 +92,7 @@ class LiveRun {
   int64_t begun_ns_ = 0;  // by clock_
   int slices_ = 0;
   int64_t mapping_ns_ = 0;
+  std::vector<RunKey> early_;       // before the first frame
   std::optional<uint32_t> aimed_;   // in the last frame, with a length; none: there is no such frame or point
   std::optional<uint32_t> marked_;  // one end of the length
   bool over_ = false;
@@ -101,6 +104,9 @@ void LiveRun::first_frame(Frame* frame) {
   const int64_t until_ns = clock_.now_ns() + kFirstFrame_ns;
   for (;;) {
     if (interrupted()) throw InputError(camera_.info().name + ": " + interruption() + " before the first frame");
+    const RunKey key = observer_.key ? observer_.key() : RunKey::kNothing;
+    if (key == RunKey::kQuit) throw InputError(camera_.info().name + ": ended before the first frame");
+    if (key != RunKey::kNothing) early_.push_back(key);
     const CameraEvent event = camera_.wait(frame, clock_.now_ns() + kLook_ns);
     if (event == CameraEvent::kFrame) return;
     if (event == CameraEvent::kEnd) throw InputError(camera_.info().name + ": holds no images");

@@ -71,8 +71,8 @@ struct LiveResult {
   LiveStatus status;
 };
 
-// The camera is started and stopped. Throws InputError when there is no first frame, with nothing done. Signals end it
-// (platform/run/interruption.h) like a key.
+// The camera is started and stopped. Throws InputError when there is no first frame, also because it was ended before,
+// with nothing done. Signals end it (platform/run/interruption.h) like a key.
 LiveResult run_live(Camera& camera, const LiveOptions& options, const LiveObserver& observer);
 
 std::vector<SummaryRow> summarise(const LiveResult& result);

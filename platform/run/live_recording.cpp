@@ -536,9 +536,8 @@ RunLog repeat_live_recording(const LiveScript& script, const RunOptions& options
   on_start(log.camera);
   int slices = 0;
   int64_t mapping_ns = 0;
-  bool quit = false;
   for (const LiveScript::Event& event : script.events) {
-    if (interrupted() || quit) break;
+    if (interrupted() || log.quit) break;
     try {
       const int64_t from_ns = clock.now_ns();
       if (event.kind != LiveScript::Kind::kFrame) {
@@ -572,7 +571,10 @@ RunLog repeat_live_recording(const LiveScript& script, const RunOptions& options
       log.frames.push_back(entry);
       if (on_frame) on_frame(frame, result, log);
       if (spectator.show) spectator.show(frame, result, entry, system);
-      quit = spectator.key && spectator.key() == RunKey::kQuit;
+      const RunKey key = spectator.key ? spectator.key() : RunKey::kNothing;
+      log.quit = key == RunKey::kQuit;
+      if (key != RunKey::kNothing && !log.quit && spectator.say)
+        spectator.say("only p, v and q do something here: what was done live is repeated");
     } catch (const std::exception& error) {
       if (log.frames.empty()) throw;
       log.broken = error.what();
@@ -581,7 +583,7 @@ RunLog repeat_live_recording(const LiveScript& script, const RunOptions& options
   }
   if (interrupted()) log.broken = log.camera.name + ": " + interruption();
   take_map(system, settings, &log);
-  if (!quit && log.broken.empty() && script.map_hash && *script.map_hash != log.map_hash && log.differs.empty())
+  if (!log.quit && log.broken.empty() && script.map_hash && *script.map_hash != log.map_hash && log.differs.empty())
     log.differs = "the map has other bits than that of the live run: was it recorded by another version?";
   return log;
 }

@@ -138,7 +138,7 @@ LiveScript read_live_recording(const std::filesystem::path& folder);
 
 // Does all of it again. options: the clock that times it, and whether the map is to be saved. RunLog::broken says where
 // an image is missing, RunLog::differs where the bits are not those of the live run. Of the spectator's keys only that
-// which quits is heard; the map at the end is not that of the live run then, and nothing is said of it.
+// which quits is obeyed (RunLog::quit): the map at the end is not that of the live run then, and is not compared.
 RunLog repeat_live_recording(const LiveScript& script, const RunOptions& options, const StartObserver& on_start,
                              const FrameObserver& on_frame, const Spectator& spectator = {});
 

@@ -38,7 +38,7 @@ Overlay::Overlay(const CameraInfo& camera, const std::filesystem::path& video, s
 Overlay::~Overlay() = default;
 
 void Overlay::add(const Frame& frame, const TrackResult& result, const FrameLog& log) {
-  impl_->display->draw(impl_->composer.camera_view(frame, result, log, impl_->canvas), &impl_->pixels);
+  impl_->display->draw(impl_->composer.camera_view({frame}, result, log, impl_->canvas), &impl_->pixels);
   impl_->video.add(impl_->pixels.data(), static_cast<size_t>(impl_->canvas.width) * 4, frame.timestamp_ns);
   if (log.state == TrackingState::kInitialising && !impl_->seen_tracking) impl_->start_still = impl_->pixels;
   if (!result.pose_valid) return;

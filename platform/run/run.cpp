@@ -169,7 +169,8 @@ RunLog run_sequence(Camera& camera, const RunOptions& options, const StartObserv
     log.frames.push_back(entry);
     if (on_frame) on_frame(frame, result, log);
     if (spectator.show) spectator.show(frame, result, entry, *system);
-  } while (!interrupted() && !quits(spectator, system) && advance(end_ns));
+    log.quit = !interrupted() && quits(spectator, system);
+  } while (!interrupted() && !log.quit && advance(end_ns));
   if (interrupted() && log.broken.empty()) log.broken = log.camera.name + ": " + interruption();
 
   log.warnings = camera.remarks();

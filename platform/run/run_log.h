@@ -59,6 +59,7 @@ struct RunLog {
   int64_t memory_bytes = 0;
   std::vector<std::byte> saved_map;   // if RunOptions ask for it
   std::string save_trouble;           // why it is empty although they do
+  bool quit = false;                  // by a key, before the source's end
   std::string broken;                 // what stopped the source midway; empty: it ran to its end
   std::string differs;                // where a live recording's repetition has other bits; empty: nowhere
   std::vector<std::string> warnings;  // one line each: the camera's remarks, pauses that were cut

@@ -16,10 +16,11 @@ VideoWriter::VideoWriter(const std::filesystem::path& file, int width, int heigh
   const std::string rate = std::to_string(fps_);
   const std::string output = "file:" + file.string();  // a name is never taken for an option or URL
   std::vector<std::string> command = {"ffmpeg", "-nostdin", "-loglevel", "error", "-y"};
+  // superfast takes 60 % of veryfast's time, a tenth of a run's, for a file a fifth larger.
   for (const char* word :
-       {"-f", "rawvideo", "-pix_fmt", "rgba",      "-s",         size.c_str(), "-r",       rate.c_str(),
-        "-i", "pipe:0",   "-an",      "-c:v",      "libx264",    "-preset",    "veryfast", "-crf",
-        "20", "-pix_fmt", "yuv420p",  "-movflags", "+faststart", "-f",         "mp4",      output.c_str()}) {
+       {"-f", "rawvideo", "-pix_fmt", "rgba",      "-s",         size.c_str(), "-r",        rate.c_str(),
+        "-i", "pipe:0",   "-an",      "-c:v",      "libx264",    "-preset",    "superfast", "-crf",
+        "21", "-pix_fmt", "yuv420p",  "-movflags", "+faststart", "-f",         "mp4",       output.c_str()}) {
     command.emplace_back(word);
   }
   try {

@@ -64,6 +64,7 @@ class HastyCamera : public Camera {
   HastyCamera(const test::Recording& recording, unsigned seed) : recording_(recording), random_(seed) {}
   const CameraInfo& info() const override { return recording_.info; }
   CameraEvent wait(Frame* frame, int64_t /*deadline_ns*/) override {
+    if (silent) return CameraEvent::kTimeout;
     if (next_ == recording_.size()) return CameraEvent::kEnd;
     if (next_ == pull_out_before) {
       pull_out_before = -1;
@@ -83,6 +84,7 @@ class HastyCamera : public Camera {
   int next() const { return next_; }
   int pull_out_before = -1;
   bool stays_away = false;
+  bool silent = false;  // no frame ever comes
   bool always = false;  // the next frame is always there
   int stale = 0;        // the first frames, so many, are two seconds old; 0: no age is known
 
@@ -186,6 +188,40 @@ TEST_F(Live, ARecordingIsRepeatedBitForBit) {
   // Not because they would be the same anyway.
   EXPECT_NE(hashes[0], hashes[1]);
   EXPECT_NE(hashes[1], hashes[2]);
+}
+
+// Its other keys would not be what was done live.
+TEST_F(Live, AKeyEndsARepetitionAndNothingIsSaidOfTheRest) {
+  const fs::path folder = at("recording");
+  live(folder, 4, {{2, RunKey::kTap}});
+  for (const int quit_after : {-1, 20}) {
+    Spectator spectator;
+    int asked = 0;
+    std::vector<std::string> said;
+    spectator.key = [&] {
+      ++asked;
+      return asked == 10 ? RunKey::kReset : asked == quit_after ? RunKey::kQuit : RunKey::kNothing;
+    };
+    spectator.say = [&](const std::string& text) { said.push_back(text); };
+    const RunLog log = repeat_live_recording(
+        read_live_recording(folder), {}, [](const CameraInfo&) {}, {}, spectator);
+    EXPECT_EQ(log.quit, quit_after > 0);
+    EXPECT_EQ(static_cast<int>(log.frames.size()), quit_after > 0 ? quit_after : desk().size());
+    EXPECT_EQ(log.differs, "") << "the reset of key r is not obeyed";
+    ASSERT_EQ(said.size(), 1u);
+    EXPECT_TRUE(holds(said[0], "p, v and q")) << said[0];
+  }
+}
+
+// Before the first frame, too: a camera may take its time.
+TEST_F(Live, AKeyEndsTheWaitForTheFirstFrame) {
+  HastyCamera camera(desk(), 1);
+  camera.silent = true;
+  LiveObserver observer;
+  int asked = 0;
+  observer.key = [&] { return ++asked == 3 ? RunKey::kQuit : RunKey::kNothing; };
+  EXPECT_THROW(run_live(camera, {}, observer), InputError);
+  EXPECT_EQ(asked, 3);
 }
 
 TEST_F(Live, OtherBitsAreSeen) {

@@ -322,6 +322,57 @@ TEST_F(V4l2, TheNewestFrameWinsAndGapsAreCounted) {
   EXPECT_EQ(std::count(driver_.queued.begin(), driver_.queued.end(), true), 4);
 }
 
+// What a display draws: the device's own image, with the part that is tracked.
+TEST_F(V4l2, ColoursAreThoseOfTheImageThatIsTracked) {
+  const struct {
+    uint32_t fourcc;
+    PixelFormat format;
+    int planes;  // of chroma
+    bool coloured;
+  } kCases[] = {{V4L2_PIX_FMT_YUYV, PixelFormat::kYuyv, 0, true},
+                {V4L2_PIX_FMT_NV12, PixelFormat::kNv12, 1, true},
+                {V4L2_PIX_FMT_YUV420, PixelFormat::kI420, 2, true},
+                {V4L2_PIX_FMT_GREY, PixelFormat::kGrey, 0, false}};
+  options_.sensor.exposure_s = 0.01;  // known: the first frame is taken
+  for (const bool whole : {true, false}) {
+    for (const auto& of : kCases) {
+      SCOPED_TRACE(static_cast<int>(of.format));
+      driver_.sizes = {{of.fourcc, 640, 360, {30}}};
+      driver_.extra_stride = 32;
+      options_.rotate_degrees = 90;
+      const auto camera = open();
+      Picture picture;
+      EXPECT_FALSE(camera->picture(&picture)) << "there is no frame yet";
+      start(*camera);
+      const auto stride = static_cast<size_t>(driver_.now.bytesperline);
+      auto& bytes = driver_.pictures.back().bytes;
+      if (whole && of.planes > 0) bytes.resize(stride * 360 * 3 / 2);
+      for (size_t i = stride * 360; i < bytes.size(); ++i) bytes[i] = i < stride * 360 * 5 / 4 ? 70 : 90;
+      ASSERT_EQ(wait(*camera), CameraEvent::kFrame);
+      // A driver that does not deliver the chroma: grey.
+      ASSERT_EQ(camera->picture(&picture), of.coloured && (whole || of.planes == 0));
+      if (!of.coloured || (!whole && of.planes > 0)) continue;
+      EXPECT_EQ(picture.frame.format, of.format);
+      EXPECT_EQ(picture.frame.width, 640);
+      EXPECT_EQ(picture.frame.height, 360);
+      EXPECT_EQ(picture.frame.stride_bytes, static_cast<int>(stride));
+      EXPECT_EQ(picture.turn_degrees, 90);
+      EXPECT_EQ(picture.x, 80);  // the middle of 4 to 3, which is 240x320 once turned
+      EXPECT_EQ(picture.y, 0);
+      EXPECT_EQ(picture.width, 480);
+      EXPECT_EQ(picture.height, 360);
+      if (of.planes > 0) {
+        const size_t row = of.planes == 1 ? stride : stride / 2;
+        EXPECT_EQ(picture.chroma_stride_bytes, static_cast<int>(row));
+        EXPECT_EQ(picture.chroma[0][0], 70);
+        EXPECT_EQ(picture.chroma[of.planes - 1][row * 180 - 1], 90) << "the last byte";
+      }
+      camera->give_back();
+      EXPECT_FALSE(camera->picture(&picture)) << "the driver has it again";
+    }
+  }
+}
+
 TEST_F(V4l2, BrokenBuffersAreSkippedAndCounted) {
   const auto camera = open();
   start(*camera);

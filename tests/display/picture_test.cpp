@@ -82,6 +82,58 @@ TEST(Picture, OfAnImageIsTheImageTurnedEitherWay) {
   }
 }
 
+// A part of it, turned: what a camera delivers of which the middle is tracked.
+TEST(Picture, OfAPartIsThatPartTurned) {
+  constexpr int kWidth = 64, kHeight = 48, kX = 10, kY = 4, kPartWidth = 40, kPartHeight = 30;
+  const std::vector<uint8_t> pixels = noise(kWidth * kHeight, 4);
+  for (const int turn : {0, 90, 180, 270}) {
+    const bool lying = turn % 180 != 0;
+    const int width = lying ? kPartHeight : kPartWidth;
+    const int height = lying ? kPartWidth : kPartHeight;
+    PPTAM_SOFTWARE_DISPLAY(display, width, height);
+    Scene scene = plain_scene({pixels.data(), width, height, width, PixelFormat::kGrey, 0}, 0);
+    scene.picture->frame = {pixels.data(), kWidth, kHeight, kWidth, PixelFormat::kGrey, 0};
+    scene.picture->x = kX;
+    scene.picture->y = kY;
+    scene.picture->width = kPartWidth;
+    scene.picture->height = kPartHeight;
+    scene.picture->turn_degrees = turn;
+    std::vector<uint8_t> rgba, again;
+    display->draw(scene, &rgba);
+    int worst = 0;
+    for (int y = 0; y < kPartHeight; ++y) {
+      for (int x = 0; x < kPartWidth; ++x) {
+        const int u = turn == 0 ? x : turn == 90 ? kPartHeight - 1 - y : turn == 180 ? kPartWidth - 1 - x : y;
+        const int v = turn == 0 ? y : turn == 90 ? x : turn == 180 ? kPartHeight - 1 - y : kPartWidth - 1 - x;
+        const int grey = pixels[static_cast<size_t>((kY + y) * kWidth + kX + x)];
+        worst = std::max(worst, difference(at(rgba, width, u, v), {grey, grey, grey}));
+      }
+    }
+    EXPECT_LE(worst, 1) << turn;          // places are fractions in float32, and the filter's weights may be 8 bits
+    scene.picture->frame.data = nullptr;  // the same once more
+    display->draw(scene, &again);
+    EXPECT_EQ(rgba, again);
+  }
+}
+
+// One of two that goes leaves the other as it was.
+TEST(Displays, DoNotTakeEachOthersPictures) {
+  constexpr int kSide = 32;
+  const std::vector<uint8_t> pixels = noise(kSide * kSide, 5);
+  const Scene scene = plain_scene({pixels.data(), kSide, kSide, kSide, PixelFormat::kGrey, 0}, 0);
+  PPTAM_SOFTWARE_DISPLAY(stays, kSide, kSide);
+  std::vector<uint8_t> before, after;
+  stays->draw(scene, &before);
+  {
+    PPTAM_SOFTWARE_DISPLAY(goes, kSide, kSide);
+    goes->draw(scene, nullptr);
+    stays->draw(scene, nullptr);  // its context is current when the other one goes
+  }
+  stays->draw(scene, &after);
+  EXPECT_EQ(before, after);
+  EXPECT_EQ(at(after, kSide, 3, 2).r, pixels[2 * kSide + 3]);
+}
+
 Rgb bt601(int y, int u, int v) {
   const double luma = 255.0 / 219 * (y - 16);
   const auto byte = [](double value) { return static_cast<int>(std::lround(std::clamp(value, 0.0, 255.0))); };
@@ -232,6 +284,7 @@ std::vector<uint8_t> drawn(const Kept& kept, bool changed, int* width, int* heig
   const Frame frame = {pixels.data(), model.width, model.height, model.width, PixelFormat::kGrey, 0};
   TrackResult result;
   result.pose_valid = true;
+  result.map = result.maps = 1;
   result.state = TrackingState::kTracking;
   result.T_cw = kept.T_cw;
   result.velocity = kept.velocity;
@@ -255,7 +308,7 @@ std::vector<uint8_t> drawn(const Kept& kept, bool changed, int* width, int* heig
   for (size_t i = 0; i < map.size(); ++i)
     map[i].p_w = Vector3f(0.02f * static_cast<float>(i % 8) - 0.1f, 0.03f * static_cast<float>(i / 8), 0.01f);
   const std::vector<KeyframeInfo> keyframes = {{1, 0, kept.T_cw}};
-  Scene scene = composer.camera_view(frame, result, log, canvas);
+  Scene scene = composer.camera_view({frame}, result, log, canvas);
   if (kept.from_above) scene = composer.map_view(result, log, map, keyframes, canvas);
   scene.glyphs.clear();
   if (changed) scene.eye->T_cw.t.x() += 0.01f;
@@ -265,6 +318,83 @@ std::vector<uint8_t> drawn(const Kept& kept, bool changed, int* width, int* heig
   std::vector<uint8_t> rgba;
   if (display) display->draw(scene, &rgba);
   return rgba;
+}
+
+// What is near in the camera's depth, not by its distance, is cut off: at the side of a wide view a house is nearer.
+TEST(ComposedHouse, IsDrawnWholeAtTheSideOfAWideView) {
+  Kept wide = kept_pictures()[1];
+  wide.camera.model.distortion = Distortion::kEquidistant;
+  wide.camera.model.coeffs[0] = 0;
+  wide.camera.model.fx = wide.camera.model.fy = 110;  // 83 degrees to each side
+  wide.camera.model.prepare();
+  platform::Composer composer(wide.camera);
+  TrackResult result;
+  result.pose_valid = true;
+  result.map = result.maps = 1;
+  result.state = TrackingState::kTracking;
+  result.T_cw = wide.T_cw;
+  const std::vector<uint8_t> pixels(320 * 240, 90);
+  const platform::Picture picture = {{pixels.data(), 320, 240, 320, PixelFormat::kGrey, 0}};
+  const Canvas canvas = {320, 280, 0};
+  int red[3] = {0, 0, 0};  // of the roof: ahead; aside, as composed; control: cut off at half of its distance
+  for (const int which : {0, 1, 2}) {
+    SE3 aside;
+    const float angle = which == 0 ? 0 : 1.2f;
+    aside.R << std::cos(angle), 0, std::sin(angle), 0, 1, 0, -std::sin(angle), 0, std::cos(angle);
+    composer.camera_view(picture, result, {}, canvas);  // places the house
+    TrackResult turned = result;
+    turned.T_cw = aside * result.T_cw;
+    Scene scene = composer.camera_view(picture, turned, {}, canvas);
+    scene.glyphs.clear();
+    if (which == 2) {
+      const float distance = (composer.site()->anchor_w - turned.T_cw.centre()).norm();
+      scene.eye->near_faces_z = 0.5f * (distance - composer.site()->house_size);
+    }
+    PPTAM_SOFTWARE_DISPLAY(display, canvas.width, canvas.height);
+    std::vector<uint8_t> rgba;
+    display->draw(scene, &rgba);
+    for (int y = 0; y < 240; ++y) {
+      for (int x = 0; x < 320; ++x) {
+        const Rgb p = at(rgba, canvas.width, x, y);
+        red[which] += p.r > 100 && p.r > 2 * p.g ? 1 : 0;
+      }
+    }
+  }
+  std::printf("  pixels of the roof: %d ahead, %d aside, %d by its distance\n", red[0], red[1], red[2]);
+  EXPECT_GT(red[0], 100);
+  EXPECT_GT(red[1], 100);
+  EXPECT_LT(red[2], red[1] / 2) << "control";
+}
+
+// A house of one map does not stand in the next one, even if nothing was drawn between the two.
+TEST(ComposedHouse, GoesWithItsMap) {
+  platform::Composer composer(kept_pictures()[0].camera);
+  TrackResult result;
+  result.pose_valid = true;
+  result.map = result.maps = 1;
+  result.state = TrackingState::kTracking;
+  result.T_cw = kept_pictures()[0].T_cw;
+  composer.follow(result);
+  ASSERT_TRUE(composer.site());
+  const Vector3f first_w = composer.site()->anchor_w;
+  result.T_cw.t.x() += 1;
+  composer.follow(result);
+  EXPECT_EQ(composer.site()->anchor_w, first_w) << "control: the same map";
+  result.map = result.maps = 2;
+  result.T_cw.t.x() += 1;
+  composer.follow(result);
+  EXPECT_NE(composer.site()->anchor_w, first_w);
+  result.map = 1;
+  composer.follow(result);
+  EXPECT_EQ(composer.site()->anchor_w, first_w) << "the first map again";
+  TrackResult between;  // all maps are gone
+  between.state = TrackingState::kInitialising;
+  composer.follow(between);
+  EXPECT_FALSE(composer.site());
+  result.map = 3;
+  result.maps = 1;
+  composer.follow(result);
+  EXPECT_NE(composer.site()->anchor_w, first_w);
 }
 
 // Kept as PNG; compared as grey, and what is no more than one level off is the same: versions of Mesa round otherwise.
@@ -315,6 +445,7 @@ TEST(Cost, OfAnOverlayIsAtMostThreeTimesThatOfItsImage) {
   const Frame frame = {pixels.data(), 240, 320, 240, PixelFormat::kGrey, 0};
   TrackResult result;
   result.pose_valid = true;
+  result.map = result.maps = 1;
   result.state = TrackingState::kTracking;
   result.T_cw = kept_pictures()[0].T_cw;
   result.velocity = kept_pictures()[0].velocity;
@@ -335,7 +466,7 @@ TEST(Cost, OfAnOverlayIsAtMostThreeTimesThatOfItsImage) {
     alone.width = canvas.width;
     alone.height = canvas.height;
     alone.view = {0, 0, static_cast<float>(canvas.width), static_cast<float>(canvas.height)};
-    const Scene& whole = composer.camera_view(frame, result, log, canvas);
+    const Scene& whole = composer.camera_view({frame}, result, log, canvas);
     double least[2] = {1e9, 1e9};
     std::vector<uint8_t> rgba;
     for (int turn = 0; turn < 23; ++turn) {

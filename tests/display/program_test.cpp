@@ -75,6 +75,49 @@ TEST_F(Displayless, WhatCannotBeShownIsOneLineAndNothingIsDone) {
   }
 }
 
+// The modules are there, and what they need is not: each is made to ask for a library that nobody has.
+TEST_F(Displayless, ALibraryThatIsMissingIsToldWithItsPackage) {
+  const fs::path build = fs::path(PPTAM_PROGRAM).parent_path();
+  const struct {
+    const char *module, *library, *arguments, *package;
+  } kCases[] = {
+      {"pocket-ptam-display.so", "libEGL.so.1", "live --camera sim:desk --duration 1 --show=screen", "libegl1"},
+      {"pocket-ptam-window.so", "libSDL2-2.0.so.0", "sim --duration 1 --out o --show=window", "libsdl2-2.0-0"}};
+  for (const auto& of : kCases) {
+    if (!fs::exists(build / of.module)) continue;
+    std::ifstream stream(build / of.module, std::ios::binary);
+    std::string module{std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
+    const size_t at = module.find(of.library);
+    ASSERT_NE(at, std::string::npos) << of.module;
+    std::string missing = of.library;
+    missing[3] = 'X';
+    module.replace(at, missing.size(), missing);
+    std::ofstream(folder_ / of.module, std::ios::binary) << module;
+    const Answer answer = run(alone(), of.arguments);
+    EXPECT_EQ(answer.code, 2) << answer.err;
+    EXPECT_TRUE(contains(answer.err, missing) && contains(answer.err, of.package)) << answer.err;
+    EXPECT_EQ(answer.err.find('\n'), answer.err.size() - 1) << answer.err;
+    EXPECT_FALSE(fs::exists(folder_ / "o"));
+  }
+  const Answer run_on = run(alone(), "sim --duration 2 --no-report --out o");
+  EXPECT_EQ(run_on.code, 0) << run_on.err;
+  EXPECT_TRUE(contains(run_on.err, "there is no overlay") && contains(run_on.err, "libegl1")) << run_on.err;
+}
+
+// A module of another build, whose pictures may be laid out otherwise, is not asked.
+TEST_F(Displayless, AModuleOfAnotherVersionIsNotUsed) {
+  std::ifstream stream(fs::path(PPTAM_PROGRAM).parent_path() / "pocket-ptam-display.so", std::ios::binary);
+  std::string module{std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
+  const std::string name = "pptam_display_";
+  ASSERT_NE(module.find(name), std::string::npos);
+  for (size_t at = module.find(name); at != std::string::npos; at = module.find(name, at + name.size()))
+    module[at + name.size()] = 'x';  // of the hash
+  std::ofstream(folder_ / "pocket-ptam-display.so", std::ios::binary) << module;
+  const Answer answer = run(alone(), "sim --duration 2 --no-report --out o");
+  EXPECT_EQ(answer.code, 0) << answer.err;
+  EXPECT_TRUE(contains(answer.err, "of another version of the program: build again")) << answer.err;
+}
+
 // EGL is there, a screen is not: so on a computer without /dev/dri.
 TEST_F(Displayless, AScreenThatIsNotThereIsToldByName) {
   if (fs::exists("/dev/dri")) GTEST_SKIP() << "this computer has a graphics device";

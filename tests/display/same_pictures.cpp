@@ -1,6 +1,7 @@
-// same_pictures A B [--area X Y WIDTH HEIGHT] [--colour R G B COUNT]: compares pictures of a display, each a PNG, a PPM
-// (qemu's screendump) or a dump of a window (xwd), within the area. Says how many pixels differ, and by how much; exit
-// code 0 when none does. --colour: besides, that A has at least COUNT pixels within 40 levels of that colour.
+// same_pictures A B [--but COUNT LEVELS] [--colour R G B COUNT]...: compares pictures of a display, each a PNG, a PPM
+// (qemu's screendump) or a dump of a window (xwd). Says how many pixels differ, and by how much; exit code 0 when none
+// does or, with --but, no more than COUNT by more than LEVELS. --colour: besides, A is to have at least COUNT pixels
+// within 40 levels of that colour.
 #include <cairo.h>
 
 #include <algorithm>
@@ -99,30 +100,34 @@ int main(int argc, char** argv) {
     std::printf("%dx%d and %dx%d\n", a.width, a.height, b.width, b.height);
     return 1;
   }
-  int area[4] = {0, 0, a.width, a.height};
+  int allowed = 0;
+  int levels = 0;
   bool seen = true;
-  for (size_t i = 2; i + 4 < words.size(); i += 5) {
-    int values[4];
-    for (size_t k = 0; k < 4; ++k) values[k] = std::atoi(words[i + 1 + k].c_str());
-    if (words[i] == "--area") std::copy(values, values + 4, area);
-    if (words[i] != "--colour") continue;
-    const auto count = std::count_if(a.rgb.begin(), a.rgb.end(), [&](const std::array<int, 3>& p) {
+  for (size_t i = 2; i < words.size();) {
+    const std::string option = words[i++];
+    const size_t count = option == "--but" ? 2 : option == "--colour" ? 4 : 0;
+    if (count == 0 || i + count > words.size()) give_up(option + "?");
+    std::array<int, 4> values = {};
+    for (size_t k = 0; k < count; ++k) values[k] = std::atoi(words[i++].c_str());
+    if (count == 2) {
+      allowed = values[0];
+      levels = values[1];
+      continue;
+    }
+    const auto found = std::count_if(a.rgb.begin(), a.rgb.end(), [&](const std::array<int, 3>& p) {
       return std::abs(p[0] - values[0]) <= 40 && std::abs(p[1] - values[1]) <= 40 && std::abs(p[2] - values[2]) <= 40;
     });
-    std::printf("%d pixels of the colour %d %d %d\n", static_cast<int>(count), values[0], values[1], values[2]);
-    seen = seen && count >= values[3];
+    std::printf("%d pixels of the colour %d %d %d\n", static_cast<int>(found), values[0], values[1], values[2]);
+    seen = seen && found >= values[3];
   }
   int differing = 0;
   int most = 0;
-  for (int y = area[1]; y < area[1] + area[3]; ++y) {
-    for (int x = area[0]; x < area[0] + area[2]; ++x) {
-      const auto i = static_cast<size_t>(y * a.width + x);
-      int worst = 0;
-      for (size_t k = 0; k < 3; ++k) worst = std::max(worst, std::abs(a.rgb[i][k] - b.rgb[i][k]));
-      differing += worst > 0 ? 1 : 0;
-      most = std::max(most, worst);
-    }
+  for (size_t i = 0; i < a.rgb.size(); ++i) {
+    int worst = 0;
+    for (size_t k = 0; k < 3; ++k) worst = std::max(worst, std::abs(a.rgb[i][k] - b.rgb[i][k]));
+    differing += worst > levels ? 1 : 0;
+    most = std::max(most, worst);
   }
-  std::printf("%d of %d pixels differ, by up to %d\n", differing, area[2] * area[3], most);
-  return differing == 0 && seen ? 0 : 1;
+  std::printf("%d of %zu pixels differ by more than %d, at most by %d\n", differing, a.rgb.size(), levels, most);
+  return differing <= allowed && seen ? 0 : 1;
 }

@@ -1,5 +1,5 @@
-# Sourced by tests of displays: a clip that stands still, before a map that knows its view, so that the house is there and
-# every picture of a run is the same.
+# Sourced by tests of displays: a clip that stands still, before a map that knows its view, so that the house is there
+# and every picture of a run is the same.
 
 # make_still_clip BUILD FOLDER FRAMES: FOLDER/still, five frames a second, and FOLDER/desk.map.
 make_still_clip() {
@@ -16,5 +16,5 @@ make_still_clip() {
   done >"$folder/still/rgb.txt"
 }
 
-# How the clip is shown; what follows are further options.
-still_clip_options="--calibration still/calibration.yaml --load-map desk.map --lock-map --no-overlay --no-report --out shown"
+# How the clip is shown.
+still_clip_options="--calibration still/calibration.yaml --load-map desk.map --lock-map --no-report --out shown"

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# A run in a window of an X server without a screen (Xvfb): what the window shows is what was drawn; keys, the mouse, another
-# size, and a window that goes. Usage: tests/display/window.sh BUILD, the folder of the programs, such as build/test.
-# Exit code 77: skipped, a program is missing. What it made stays in BUILD/window-test.
+# A run in a window of an X server without a screen (Xvfb): what the window shows is what was drawn; keys, the mouse,
+# another size, and a window that goes. Usage: tests/display/window.sh BUILD, the folder of the programs, such as
+# build/test. Exit code 77: skipped, a program is missing. What it made stays in BUILD/window-test.
 set -euo pipefail
 build=$(realpath "$1")
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
@@ -56,33 +56,65 @@ no_notice_any_more() {  # any key takes it away
   xdotool key --window "$window" v
   sleep 0.7
 }
-take_picture() {  # the next pocket-ptam-NNNN.png
-  local before
-  before=$(picture_count)
+take_picture() {  # LOG: the next pocket-ptam-NNNN.png
+  picture=$(printf 'pocket-ptam-%04d.png' $(($(picture_count) + 1)))
   xdotool key --window "$window" p
-  until_so 10 bash -c "((\$(find . -maxdepth 1 -name 'pocket-ptam-*.png' | wc -l) > $before))" || fail "no picture by key p"
-  picture=$(printf 'pocket-ptam-%04d.png' $((before + 1)))
+  until_so 10 grep -q "picture saved to $picture" "$1" || fail "no picture by key p"
+}
+same() {
+  "$build/tests/display/same_pictures" "$@"
 }
 
 make_still_clip "$build" . 300
 start still.txt replay still --show=window $still_clip_options
 no_notice_any_more
-take_picture
+take_picture still.txt
 no_notice_any_more
 xwd -silent -id "$window" >whole.xwd
-"$build/tests/display/same_pictures" "$picture" whole.xwd --colour 200 70 50 500 || fail "the window does not show what was drawn"
+same "$picture" whole.xwd --colour 200 70 50 500 || fail "the window does not show what was drawn"
 xdotool key --window "$window" v
 until_so 10 bash -c "xwd -silent -id $window >above.xwd; ! '$build/tests/display/same_pictures' '$picture' above.xwd" ||
   fail "control: the view from above is the same picture"
 xdotool key --window "$window" v
 xdotool windowsize --sync "$window" 700 400
 no_notice_any_more
-take_picture
+take_picture still.txt
 no_notice_any_more
 xwd -silent -id "$window" >wide.xwd
-"$build/tests/display/same_pictures" "$picture" wide.xwd || fail "another size is not drawn over"
+same "$picture" wide.xwd || fail "another size is not drawn over"
+xdotool key --window "$window" Escape
+wait "$run" || fail "Escape does not end the run well: exit code $?"
+# The overlay was drawn off-screen, its rows the other way round: the image's filter rounds otherwise, by up to 8 levels
+# where two pixels are black and white, and edges may fall on either side of a pixel's centre.
+same shown/overlay.png whole.xwd --but 100 10 || fail "the window does not show what the overlay does"
+same shown/overlay.png above.xwd --but 100 10 && fail "control: the view from above is the overlay's picture"
+
+# While no frame comes, here for 4.9 s, the picture is drawn again and keys are heard.
+mkdir -p gap
+cp -r still/rgb still/calibration.yaml gap
+sed -n '1,10p; 11s/^[^ ]*/6.7/p' still/rgb.txt >gap/rgb.txt
+start gap.txt replay gap --show=window ${still_clip_options//still/gap} --no-overlay
+no_notice_any_more
+sleep 1.5
+xdotool windowsize --sync "$window" 600 500
+sleep 1
+xwd -silent -id "$window" >gap.xwd
+take_picture gap.txt
+same "$picture" gap.xwd --colour 200 70 50 200 || fail "another size is not drawn over while no frame comes"
+pressed=$(date +%s%N)
 xdotool key --window "$window" q
-wait "$run" || fail "q does not end the run well: exit code $?"
+wait "$run" || fail "q between two frames does not end the run well: exit code $?"
+(($(date +%s%N) - pressed < 1500000000)) || fail "q waits for the next frame"
+
+# A live recording that is repeated in part is not called the same bits.
+"$build/pocket-ptam" live --camera sim:desk --duration 6 --poses none --record recorded >recorded.txt 2>&1
+start repeated.txt replay recorded --show=window --no-overlay --no-report --out repeated
+sleep 1
+xdotool key --window "$window" r
+until_so 5 grep -q 'only p, v and q do something here' repeated.txt || fail "key r is passed over in silence"
+xdotool key --window "$window" q
+wait "$run" || fail "q does not end a repetition well: exit code $?"
+grep -q 'up to there' repeated.txt.out || fail "it is not told that the repetition was ended early"
 
 # A window that is destroyed does not end a run.
 start live.txt live --camera sim:desk --duration 8 --show=window --no-auto-start

@@ -195,7 +195,8 @@ case "$machine" in
     ;;
 esac
 status=0
-timeout --foreground "$seconds" "${computer[@]}" "${more_computer[@]}" </dev/null | stdbuf -oL tr -d '\r' || status=${PIPESTATUS[0]}
+timeout --foreground "$seconds" "${computer[@]}" "${more_computer[@]}" </dev/null | stdbuf -oL tr -d '\r' ||
+  status=${PIPESTATUS[0]}
 if ((status == 124)); then
   echo "boot.sh: not done after $seconds s" >&2
   exit 124

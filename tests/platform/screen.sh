@@ -6,13 +6,14 @@ usage() {
   cat <<'HELP'
 Usage: tests/platform/screen.sh BUILD [--heavy]
 Boots Debian's kernel, fetched before by tests/platform/boot.sh --fetch, on an emulated computer with a graphics card
-(virtio-gpu) and a screen of 480x640, and shows there, drawn by Mesa's software renderer, with the programs in the folder BUILD:
-  replay of a clip that stands still before a map that knows its view: what the screen shows, as qemu has it, is what was
-    drawn, also after another console had the screen and after the screen was unplugged; keys
-  live   with the kernel's camera driver vivid, and a tap of the mouse
+(virtio-gpu) and a screen of 480x640, and shows there, drawn by Mesa's software renderer, with the programs in the
+folder BUILD:
+  replay of a clip that stands still before a map that knows its view: what the screen shows, as qemu has it, is what
+    was drawn, also after another console had the screen and after the screen was unplugged; keys
+  live   with the kernel's camera driver vivid, in colour, and a tap of the mouse
 --heavy: only where PPTAM_ALL is set, as by tests/run.sh --all.
-The exit code is 0 when all holds, 77 when a package or program could not be had, or it is left out; what the guest wrote and
-the screen showed stays in BUILD/screen-test.
+The exit code is 0 when all holds, 77 when a package or program could not be had, or it is left out; what the guest
+wrote and the screen showed stays in BUILD/screen-test.
 HELP
 }
 
@@ -75,7 +76,8 @@ clean() {  # any key takes a notice away
 }
 mkfifo /work/keys
 exec 3<>/work/keys
-openvt -c 1 -s -- sh -c 'cd /work && pocket-ptam replay still --show=screen $still_clip_options </work/keys >/out/replay.out 2>/out/replay.txt
+openvt -c 1 -s -- sh -c 'cd /work
+  pocket-ptam replay still --show=screen --no-overlay $still_clip_options </work/keys >/out/replay.out 2>/out/replay.txt
   echo \$? >/out/replay.code'
 until_so 120 grep -q 'shown on' /out/replay.txt
 sleep 10
@@ -103,8 +105,8 @@ screen again
 printf q >&3
 until_so 30 ls /out/replay.code
 screen end
-openvt -c 1 -s -- sh -c 'pocket-ptam live --camera /dev/video0 --fov 60 --no-auto-start --poses none --duration 20 --show=screen \\
-  </dev/null 2>/out/live.txt; echo \$? >/out/live.code'
+openvt -c 1 -s -- sh -c 'pocket-ptam live --camera /dev/video0 --mode YUYV:640x360 --fov 60 --no-auto-start \\
+  --poses none --duration 20 --show=screen </dev/null 2>/out/live.txt; echo \$? >/out/live.code'
 until_so 60 grep -q 's: waiting' /out/live.txt
 sleep 4
 screen camera
@@ -145,6 +147,9 @@ same "$out/still.ppm" "$out/away.ppm" && fail "control: another console shows th
 same "$out/still.ppm" "$out/back.ppm" || fail "after another console had it, the screen shows something else"
 same "$out/still.ppm" "$out/again.ppm" || fail "after it was unplugged, the screen shows something else"
 same "$out/still.ppm" "$out/end.ppm" && fail "control: at the end the console has not got its screen back"
+# The driver's test picture, bars of eight colours: of three of them, which nothing else has.
+same "$out/camera.ppm" "$out/camera.ppm" --colour 190 190 10 3000 --colour 10 190 190 3000 --colour 190 10 190 3000 ||
+  fail "the camera's colours are not on the screen"
 [[ "$(<"$out/replay.code")" == 0 && "$(<"$out/live.code")" == 0 ]] || fail "an exit code is not 0"
 grep -q 'tap: the next frame' "$out/live.txt" || fail "no tap by the mouse"
 exit $wrong
