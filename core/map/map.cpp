@@ -320,6 +320,7 @@ void Map::clear_all() {
     clear();
     exchange(i);
   }
+  looking_ = false;
   clear();
 }
 
@@ -344,7 +345,8 @@ int Map::live_aside() const {
 }
 
 int Map::max_live() const {
-  return std::min(max_keyframes_, keyframe_slots(max_keyframes_, max_erased_keyframes_) - 1 - live_aside());
+  const int left = keyframe_slots(max_keyframes_, max_erased_keyframes_) - 1 - live_aside();
+  return std::min(max_keyframes_, left);
 }
 
 int Map::max_erased() const {
@@ -406,6 +408,7 @@ bool Map::bring_images(int index) {
 }
 
 void Map::exchange(int place) {
+  looking_ = !looking_;
   Contents& other = aside_[place];
   std::swap(keyframes_, other.keyframes);
   std::swap(points_, other.points);
@@ -432,13 +435,18 @@ void Map::give_up_smallest() {
   exchange(smallest);
 }
 
+bool Map::can_set_aside() const {
+  return places_ > 0 && keyframe_slots(max_keyframes_, max_erased_keyframes_) - live_count() > kImagesForStart;
+}
+
 void Map::set_aside() {
-  PPTAM_ASSERT(ready_ && places_ > 0);
+  PPTAM_ASSERT(ready_ && can_set_aside());
   if (aside_count() == places_) give_up_smallest();
   for (PartialPoint& point : partial_points_) point = PartialPoint();
   for (int i = 0; i < places_; ++i) {
     if (is_aside(i)) continue;
     exchange(i);
+    looking_ = false;
     break;
   }
   while (spare_count() < kImagesForStart && aside_count() > 1) give_up_smallest();
@@ -451,6 +459,7 @@ void Map::settle(int place) {
     clear();
     exchange(place);
   }
+  looking_ = false;
   queue_.clear();
   neighbour_count_ = 0;
   moved_ = false;

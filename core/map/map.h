@@ -131,7 +131,7 @@ class Map {
   void set_full(bool full) { full_ = full; }
   void clear();      // the map in use; keeps storage; ids are not used again
   void clear_all();  // and those that are set aside
-  // Counts clear() and changes of scale by the user. After either, the mapper drops the job that it was doing.
+  // Counts clear(), settle() and changes of scale by the user. After either, the mapper drops the job that it was doing.
   uint32_t epoch() const { return epoch_; }
 
   // Several maps. A finished map has a number, which no other has: 1 for the first one; 0: there is none in use.
@@ -144,9 +144,12 @@ class Map {
   // Sets the finished map in use aside, and there is none in use. Where there is no place left, or too few images for a
   // new start, the smallest of those that are aside is given up.
   void set_aside();
+  // Whether images would be left for a new start.
+  bool can_set_aside() const;
   // Makes the map at a place the one in use, and the one in use, if any, that at the place. Twice: nothing has changed.
-  // For a look at another map; to be followed by the same again, or by settle().
+  // For a look at another map; to be followed by the same again, or by settle(). Until then the mapper does nothing.
   void exchange(int place);
+  bool looking() const { return looking_; }
   // After exchange(): the map in use is here to stay. The other one stays aside if it is finished, and is given up
   // otherwise.
   void settle(int place);
@@ -242,6 +245,7 @@ class Map {
   uint32_t number_ = 0, last_number_ = 0;
   Contents aside_[kMaxMaps - 1];  // the first places_ of them
   int places_ = 0;
+  bool looking_ = false;  // at another map: exchange()
   int max_keyframes_ = 0, max_erased_keyframes_ = 0;
   bool moved_ = false;  // transform_ has not been taken
   Similarity transform_;

@@ -19,6 +19,7 @@ constexpr char kMagic[] = "PPTAMMAP";
 constexpr size_t kMagicBytes = 8;
 constexpr uint32_t kVersion = 3;
 constexpr size_t kHeaderBytes = 92;
+constexpr uint32_t kMaxNumber = 1u << 30;  // of a map: many more can follow in an int32_t
 constexpr size_t kCountsBytes = 40;     // of each map, behind the header
 constexpr size_t kKeyframeBytes = 120;  // without its image and, if it was erased, its anchor
 constexpr size_t kPointBytes = 52;      // without its measurements
@@ -225,6 +226,7 @@ Status check_counts(const Header& header, uint32_t width, uint32_t height) {
       distinct = distinct && (&other == &counts || other.number != counts.number);
     if (!distinct) return refused("the maps of the file have impossible numbers");
   }
+  if (header.last_number > kMaxNumber) return refused("the maps of the file have impossible numbers");
   if (!possible || least > header.bytes) return refused("the map's counts do not fit its size");
   return {};
 }

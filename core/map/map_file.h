@@ -27,7 +27,7 @@ namespace pptam {
 //     camera            u32 width, height  f32 fx, fy, cx, cy  u32 distortion (as the enum)  f32[5] coefficients
 //     shutter           u32 axis (0 rows, 1 columns)  f32 line_time_s
 //     u32 next_id, number of the last finished map, number of maps
-//   then each map, that in use first, all with the same camera
+//   then of each finished map, that in use first if it is one, the counts; then all that follows, map by map
 //     counts, 40 bytes  u32 number of the map, then for keyframes, map points and partial points each: u32 slots, u32
 //                       entries; u32 erased keyframes, measurements of all map points, the most of one map point
 //   keyframes, by ascending slot, each 120 bytes and the image
@@ -42,7 +42,7 @@ namespace pptam {
 //     u32 slot, id  source as of a map point  f32 inverse_depth, information  u16 attempts, found
 //   u32 CRC-32 (polynomial 0xEDB88320, as of zip and PNG) of all bytes before
 
-// Bytes that write_map_file writes. The map is `ready`.
+// Bytes that write_map_file writes. There is a finished map, in use or aside.
 size_t map_file_bytes(const Map& map, const Config& config);
 
 // Writes the whole file into out, whose size is map_file_bytes().

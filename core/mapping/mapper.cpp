@@ -47,7 +47,7 @@ Mapper::Mapper(Arena& arena, const Config& config, Map& map, WorkMeter& meter, C
       finder_(map, config, meter) {}
 
 bool Mapper::has_work() const {
-  if (!map_.exists() || (map_.locked() && map_.ready())) return false;
+  if (!map_.exists() || map_.looking() || (map_.locked() && map_.ready())) return false;
   return epoch_ != map_.epoch() || !resting_ || map_.queue().waiting() > 0 || !map_.ready();
 }
 

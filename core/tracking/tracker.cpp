@@ -1,6 +1,7 @@
 #include "tracking/tracker.h"
 
 #include <algorithm>
+#include <iterator>
 
 #include "tracking/relocaliser.h"
 
@@ -39,6 +40,7 @@ constexpr int kEnoughToRefuse = 32;
 // nothing: templates are blurred by as much in level 1 as can still be told apart, most of their width. With 6 in place
 // of 12, and sharp templates, two emulated dim rooms cost 2 and 5 times the error (1.07 in place of 0.19 % in one).
 constexpr float kCoarseBlur_px = 12.0f;
+constexpr int64_t kSetAsideInstructions = 100;  // ARMv6, of one slot of map points: an estimate
 // Error of the pose in the image, pixels of the level searched, where map points gave it, and where it is predicted.
 // Not swept.
 constexpr float kPlacedMargin_px = 2.0f, kPredictedMargin_px = 4.0f;
@@ -75,6 +77,8 @@ void Tracker::reset() {
   frame_fit_.forget();
   last_ = TrackResult();
   confirmed_ = 0;
+  frames_until_look_ = look_place_ = 0;
+  std::fill(std::begin(look_attempts_), std::end(look_attempts_), 0);
 }
 
 void Tracker::begin_lost() {
@@ -239,12 +243,13 @@ MapMatch Tracker::match_with_partials(MapMatching::Search search, bool allowed) 
 }
 
 void Tracker::miss() {
+  if (map_.looking()) return leave_look();
   keyframe_policy_.release_unmeasured();
   motion_.miss();
   if (confirmed_ == 0 && motion_.missed() < kBadFramesUntilLost) return;
+  if (confirmed_ == 0) lost_s_ = 0;  // a pose that was not confirmed was none
   confirmed_ = 0;
   relocalise_attempt_ = 0;
-  lost_s_ = 0;
   if (map_.ready()) {
     state_ = TrackingState::kLost;
     hint_ = Hint::kReturnToKnownView;
@@ -257,9 +262,10 @@ void Tracker::miss() {
 
 void Tracker::accept(const MapMatch& match, bool blurred, TrackResult* result) {
   motion_.believe(match.pose, frame_.dt_s(), matching_.mean_depth(match.pose.T_cw, motion_.mean_depth()));
-  keyframe_policy_.release(motion_);
+  if (!map_.looking()) keyframe_policy_.release(motion_);  // the one that is held belongs to the other map
   if (confirmed_ > 0 && (blurred || ++confirmed_ < kFramesToConfirm)) return;
   confirmed_ = 0;
+  if (map_.looking()) settle_look();
   result->covariance = match.pose.covariance;
   result->T_cw = still_camera_.show(match.pose, motion_, config_.steady_damping);
   if (map_.ready()) {
@@ -317,10 +323,11 @@ bool Tracker::find_candidate(int* attempt, TrackResult* result) {
 }
 
 void Tracker::begin_anew_if_lost_long() {
-  if (!config_.auto_start || map_.places() == 0 || map_.locked() || state_ != TrackingState::kLost ||
+  if (!config_.auto_start || !map_.can_set_aside() || map_.locked() || state_ != TrackingState::kLost ||
       lost_s_ < kNewMapAfter_s)
     return;
   map_.set_aside();
+  meter_.charge(Work::kOther, kSetAsideInstructions * map_.points().size());
   matching_.restart();
   motion_.forget();
   frame_fit_.forget();
@@ -329,10 +336,10 @@ void Tracker::begin_anew_if_lost_long() {
   hint_ = Hint::kHoldStill;
 }
 
-// Now and then the relocaliser tries one of the maps that are set aside. Nothing changes unless it succeeds. From a
-// finished map only older ones are returned to: two that show the same scene would take turns.
+// Now and then the relocaliser tries one of the maps that are set aside. From a finished map only older ones are returned
+// to: two that show the same scene would take turns.
 void Tracker::look_aside(TrackResult* result) {
-  if (confirmed_ > 0 || --frames_until_look_ > 0) return;
+  if (map_.looking() || confirmed_ > 0 || --frames_until_look_ > 0) return;
   const bool tracking = state_ == TrackingState::kTracking;
   frames_until_look_ = tracking ? kLookIntervalTracking : kLookIntervalWithout;
   int place = -1;
@@ -342,22 +349,39 @@ void Tracker::look_aside(TrackResult* result) {
   }
   if (place < 0) return;
   look_place_ = place;
-  const MotionModel before = motion_;
+  before_look_ = motion_;
+  state_before_look_ = state_;
+  hint_before_look_ = hint_;
   map_.exchange(place);
-  if (find_candidate(&look_attempt_, nullptr)) {
-    map_.settle(place);
-    initialiser_->reset();
-    start_trigger_.reset();
-    frame_fit_.forget();
-    depth_filter_.restart();
-    keyframe_policy_.forget_time();
-    hint_ = Hint::kNone;
-  } else {
+  if (!find_candidate(&look_attempts_[place], nullptr)) {
     map_.exchange(place);
-    motion_ = before;
+    motion_ = before_look_;
   }
   matching_.restart();
   mark_stage(Stage::kInitialise, result);
+}
+
+// The pose that a look had found was not confirmed: all is as before, but for a frame that was missed.
+void Tracker::leave_look() {
+  confirmed_ = 0;
+  map_.exchange(look_place_);
+  matching_.restart();
+  motion_ = before_look_;
+  motion_.begin_frame(frame_.dt_s(), map_.exists() && state_before_look_ != TrackingState::kLost);
+  motion_.turn(nullptr);
+  if (state_before_look_ == TrackingState::kTracking) motion_.miss();
+  state_ = state_before_look_;
+  hint_ = hint_before_look_;
+}
+
+// It was confirmed.
+void Tracker::settle_look() {
+  map_.settle(look_place_);
+  initialiser_->reset();
+  start_trigger_.reset();
+  frame_fit_.forget();
+  depth_filter_.restart();
+  keyframe_policy_.forget_time();
 }
 
 void Tracker::track_initialiser(TrackResult* result) {

@@ -6,8 +6,8 @@
 //      └──────────────────────────┘                                  └──────▶ kLost ──────────┘
 //
 // With Config::auto_start a camera that stays lost begins anew: its map is set aside (map/map.h), and the states are
-// run through again. While there are maps aside, their views are looked for now and then; the one that is found again,
-// and confirmed, is the map in use.
+// run through again. While there are maps aside, their views are looked for now and then: a map is exchanged for
+// the look, and stays in use when the next frame confirms the pose; otherwise all is as before.
 //
 // FrameInput ─▶ MotionModel, FullFrameRotation ─▶ MapMatching with DepthFilter's partial points ─▶ StillCamera
 // ─▶ TrackResult. In sharp frames also KeyframePolicy; without a map the initialiser; when lost the relocaliser. In the
@@ -51,6 +51,8 @@ class Tracker {
   bool find_candidate(int* attempt, TrackResult* result);
   void begin_anew_if_lost_long();
   void look_aside(TrackResult* result);
+  void leave_look();
+  void settle_look();
   void track_initialiser(TrackResult* result);
   TrackResult repeated(const TrackResult& taken);
   void mark_stage(Stage stage, TrackResult* result);
@@ -81,7 +83,11 @@ class Tracker {
   int relocalise_attempt_ = 0;  // since the camera was lost
   float lost_s_ = 0;            // likewise, seconds
   int frames_until_look_ = 0;   // at the maps that are set aside
-  int look_place_ = 0, look_attempt_ = 0;  // the next one's, and the relocaliser's there
+  int look_place_ = 0;                // the last one looked at; while Map::looking() it is in use
+  int look_attempts_[kMaxMaps] = {};  // by place
+  MotionModel before_look_;           // as it was, and so on
+  TrackingState state_before_look_ = TrackingState::kWaiting;
+  Hint hint_before_look_ = Hint::kNone;
 };
 
 }  // namespace pptam

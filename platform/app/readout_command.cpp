@@ -150,6 +150,7 @@ int find_camera(const ReadoutChoice& chosen, const std::string& command_line) {
   options.focal = chosen.estimates_focal();
   options.readout = chosen.estimates_readout();
   options.axes = chosen.axes;
+  options.curves = !chosen.out.empty();
   const CameraSearch found = search_camera(
       [&](const CameraAssumption& assumed) { return track(recording, chosen.run, assumed); }, options, interrupted);
   print_rounds(found, options, recording.rotate_degrees);
@@ -171,8 +172,10 @@ int find_camera(const ReadoutChoice& chosen, const std::string& command_line) {
   whole = report(chosen, found, recording.rotate_degrees) && whole;
   if (!folder) return whole ? kExitOk : kExitBroken;
   folder->prepare();
-  folder->write("report.html", camera_fit_page({name, command_line, PPTAM_VERSION}, found.fit, &warnings));
+  std::vector<std::string> new_warnings;
+  folder->write("report.html", camera_fit_page({name, command_line, PPTAM_VERSION}, found.fit, &new_warnings));
   folder->finish();
+  for (const std::string& warning : new_warnings) print_warning(warning);
   print_line("written to " + chosen.out + ": report.html");
   return whole ? kExitOk : kExitBroken;
 }

@@ -44,7 +44,7 @@ bool is_sound_map(std::span<const std::byte> content) {
 void check_map(const RunOptions& run, const OutputOptions& output, const std::filesystem::path& folder,
                const Knowledge& knowledge) {
   if (!run.load_map.empty() && (!run.taps_s.empty() || run.auto_start))
-    throw InputError("--load-map " + run.load_map + ": --tap and --auto-start would forget the map");
+    throw InputError("--load-map " + run.load_map + ": --tap would forget the map, and --auto-start waits for none");
   if (!run.save_map) return;
   Inputs inputs = knowledge.inputs;
   inputs.add("the map of --load-map", run.load_map);
@@ -365,7 +365,9 @@ int run_and_write(const std::string& name, const Trajectory& truth, const Runner
   Pictures pictures;
   if (show) pictures = write_pictures(show.get(), &folder, &writing);
   warnings.insert(warnings.begin(), log.warnings.begin(), log.warnings.end());
-  if (knowledge.camera_told) add_camera_doubts(log, &tracks, &warnings);
+  if (knowledge.camera_told && log.broken.empty()) {
+    writing.attempt([&] { add_camera_doubts(log, &tracks, &warnings); });
+  }
   const auto all_warnings = [&] {
     std::vector<std::string> all = knowledge.warnings;
     all.insert(all.end(), warnings.begin(), warnings.end());

@@ -45,6 +45,9 @@ constexpr double kDoubted_s = 0.005;    // likewise, of the readout
 constexpr double kDoubtSure = 4;        // standard deviations from what was assumed, to say so
 constexpr double kMaxOtherGain = 0.7;   // of the better axis' gain over a global shutter, explained by the other one
 
+constexpr const char* kHowToMove =
+    "look at a scene with depth, move the camera to and fro quickly and turn it to all sides, for ten seconds or more";
+
 struct Seen {
   int point = 0;
   Vector2d px = Vector2d::Zero();
@@ -139,6 +142,7 @@ class Adjustment {
     }
     sigma_ = std::max(std::sqrt(median_of(std::move(squares))) / 1.1774, kMinSigma_px);
   }
+  void use_sigma(double sigma) { sigma_ = sigma; }
   double sigma() const { return sigma_; }
 
   // Tukey costs of each view.
@@ -452,7 +456,7 @@ class Fit {
   }
 
  private:
-  static constexpr int kFirstSteps = 10, kTrialSteps = 4, kLastSteps = 20;  // of adjustment
+  static constexpr int kFirstSteps = 10, kTrialSteps = 6, kLastSteps = 20;  // of adjustment
 
   Attempt attempt(const State& from, const Unknown& unknown, int max_steps) {
     Attempt attempt;
@@ -464,7 +468,17 @@ class Fit {
 
   Attempt at_readout(State from, double readout_s) {
     from.readout_s = readout_s;
-    return attempt(from, {options_.focal, false}, kTrialSteps);
+    return attempt_far(from, {options_.focal, false});
+  }
+
+  // From a state that is moved away from where it fits: its residuals would have no weight. They get a scale of their
+  // own, which shrinks, before the common one.
+  Attempt attempt_far(State from, const Unknown& unknown) {
+    const double sigma = adjustment_.sigma();
+    adjustment_.set_sigma(from);
+    adjustment_.adjust(&from, unknown, kTrialSteps, true);
+    adjustment_.use_sigma(sigma);
+    return attempt(from, unknown, kTrialSteps);
   }
 
   Attempt best_readout(Axis axis) {
@@ -488,7 +502,9 @@ class Fit {
     return best;
   }
 
-  double rms_px(double cost) const { return std::sqrt(cost / adjustment_.sightings()) * adjustment_.mean_sigma_px(); }
+  double rms_px(double cost) const {
+    return std::sqrt(0.5 * cost / adjustment_.sightings()) * adjustment_.mean_sigma_px();
+  }
 
   void describe(const std::vector<Attempt>& bests, CameraFit* fit) {
     const Attempt& best = bests[0];
@@ -523,7 +539,7 @@ class Fit {
 
   Attempt at_focal(State from, double step) {
     from.log_focal += step;
-    return attempt(from, {false, options_.readout}, kTrialSteps);
+    return attempt_far(from, {false, options_.readout});
   }
 
   void judge_readout(const std::vector<Attempt>& bests, double global_cost, CameraFit* fit) const {
@@ -531,9 +547,9 @@ class Fit {
     const bool perhaps_global = std::abs(readout.value) < kSure * readout.sigma;
     fit->global = perhaps_global && readout.sigma <= kMaxReadoutSigma_s;
     const double interval_s = adjustment_.interval_s();
-    if (readout.sigma > kMaxReadoutSigma_s) {
-      readout.trouble = format("it leaves it uncertain by %.1f ms", 1000 * readout.sigma);
-    } else if (std::abs(readout.value) > interval_s) {
+    if (!(readout.sigma <= kMaxReadoutSigma_s)) {
+      readout.trouble = format("it leaves it uncertain by %.1f ms. To tell, ", 1000 * readout.sigma) + kHowToMove;
+    } else if (std::abs(readout.value) > interval_s + kSure * readout.sigma) {
       readout.trouble = format(
           "%.1f ms fit best, more than the %.1f ms between two frames: are the frames' times "
           "right (--fps)?",
@@ -546,8 +562,9 @@ class Fit {
 
   void judge_focal(CameraFit* fit) const {
     CameraFit::Estimate& focal = fit->focal;
-    if (!(focal.sigma <= kMaxFocalSigma * focal.value))
-      focal.trouble = format("it leaves it uncertain by %.1f %%", 100 * focal.sigma / focal.value);
+    const double relative = focal.sigma / focal.value;
+    if (!(relative <= kMaxFocalSigma))
+      focal.trouble = format("it leaves it uncertain by %.1f %%. To tell, ", 100 * relative) + kHowToMove;
   }
 
   void draw_readouts(const Attempt& best, CameraFit* fit) {
@@ -594,13 +611,11 @@ class Fit {
   State start_;
 };
 
-constexpr const char* kHowToMove =
-    "look at a scene with depth, move the camera to and fro quickly and turn it to all sides, for ten seconds or more";
-
 }  // namespace
 
 void PointTracks::add(const TrackResult& result) {
-  if (!result.status.ok() || !result.pose_valid || views.size() >= kMaxViews) return;
+  if (!result.status.ok() || !result.pose_valid || result.repeated) return;
+  if (views.size() == 2 * kMaxViews) views.erase(views.begin(), views.begin() + static_cast<ptrdiff_t>(kMaxViews));
   View view;
   view.pose.t_s = 1e-9 * static_cast<double>(result.timestamp_ns);
   view.pose.R = result.T_cw.R.cast<double>();
@@ -632,9 +647,6 @@ CameraFit fit_camera(const PointTracks& tracks, const CameraModel& model, const 
     return fit;
   }
   Fit(&adjustment, shutter, model, options).run(&fit);
-  for (CameraFit::Estimate* estimate : {&fit.readout_s, &fit.focal}) {
-    if (!estimate->trouble.empty()) estimate->trouble += std::string(". To tell, ") + kHowToMove;
-  }
   return fit;
 }
 

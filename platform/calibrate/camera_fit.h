@@ -30,12 +30,12 @@ struct PointTracks {
     TimedPose pose;  // world to camera
     std::vector<Sighting> seen;
   };
-  static constexpr size_t kMaxViews = 1800;    // later ones are left out: two minutes at 15 frames/s, and 2 MB
+  static constexpr size_t kMaxViews = 900;     // so many to twice as many are kept, the latest: a minute or two
   std::vector<View> views;                     // in the order of time
   std::map<uint32_t, Eigen::Vector3d> points;  // by id; sightings of others count for nothing
 
   void add(const TrackResult& result);                    // of every frame
-  void finish(std::span<const MapPointInfo> map_points);  // the map at the end
+  void finish(std::span<const MapPointInfo> map_points);  // of the map at the end: sightings of other points go
 };
 
 struct CameraFitOptions {
@@ -60,7 +60,7 @@ struct CameraFit {
   Estimate readout_s;                // signed: positive when larger coordinates are exposed later
   Estimate focal;                    // relative to the model's
   bool global = false;               // the readout is none, and known well enough to say so
-  double rms_px = 0, global_px = 0;  // robust, of a coordinate, under the best readout and under a global shutter
+  double rms_px = 0, global_px = 0;  // of a coordinate, robust, under the best readout and under a global shutter
   double interval_s = 0;             // between two frames
   int frames = 0, points = 0;
   std::vector<Trial> readouts, focals;  // each with all else adjusted; by axis and value, rising

@@ -43,8 +43,9 @@ bool is_settled(const CameraFit& fit, const CameraInfo& assumed, const CameraFit
   const bool same_axis = fit.axis == assumed.shutter.axis;
   const double change_s = same_axis ? std::abs(fit.readout_s.value - assumed_s)
                                     : std::max(std::abs(fit.readout_s.value), std::abs(assumed_s));
-  return (!options.readout || change_s < kSettled_s) &&
-         (!options.focal || std::abs(fit.focal.value - 1) < kSettledFocal);
+  // What the clip cannot tell stays as it was assumed.
+  return (!options.readout || !fit.readout_s.trouble.empty() || change_s < kSettled_s) &&
+         (!options.focal || !fit.focal.trouble.empty() || std::abs(fit.focal.value - 1) < kSettledFocal);
 }
 
 }  // namespace
@@ -81,15 +82,15 @@ CameraSearch search_camera(const std::function<TrackedClip(const CameraAssumptio
   for (int round = 0; round < kMaxRounds && !stopped(); ++round) {
     if (round > 0) clip = track(assumed);
     search.broken = clip.broken;
-    search.fit = fit_camera(clip.tracks, clip.camera.model, clip.camera.shutter, options);
-    const CameraFit& fit = search.fit;
-    if (!fit.trouble.empty()) break;
+    const CameraFit fit = fit_camera(clip.tracks, clip.camera.model, clip.camera.shutter, options);
+    if (round == 0 || fit.trouble.empty()) search.fit = fit;
+    if (!fit.trouble.empty()) break;  // under what was found last the clip does not track: that stays, unsettled
     search.rounds.push_back({clip.camera, clip.tracked, clip.reprojection_px, fit});
     search.settled = is_settled(fit, clip.camera, options);
-    assumed.focal_factor *= options.focal ? fit.focal.value : 1;
+    if (options.focal && fit.focal.trouble.empty()) assumed.focal_factor *= fit.focal.value;
     search.focal_factor = assumed.focal_factor;
     if (search.settled) break;
-    if (options.readout) assumed.shutter = shutter_of(fit.axis, fit.readout_s.value, clip.camera.model);
+    if (options.readout && fit.readout_s.trouble.empty()) assumed.shutter = shutter_of(fit.axis, fit.readout_s.value, clip.camera.model);
   }
   return search;
 }

@@ -36,7 +36,7 @@ struct CameraSearch {
     CameraFit fit;
   };
   std::vector<Round> rounds;  // with a fit
-  CameraFit fit;              // the last one, or that which failed
+  CameraFit fit;              // the last one; that which failed when none did better
   double focal_factor = 1;    // found, of the clip's own
   bool settled = false;       // the last round found what it had assumed
   std::string broken;

@@ -35,8 +35,8 @@ double jackknife_sigma(const Statistic& without) {
   return std::sqrt(squares * (kJackknifeBlocks - 1) / kJackknifeBlocks);
 }
 
-// The minimum of a parabola through the costs at middle - step, middle and middle + step, and its standard deviation.
-// Where it opens downwards: `far` towards the lower side.
+// The minimum of a parabola through the costs at middle - step, middle and middle + step, at most `far` from the middle,
+// and its standard deviation. Where it opens downwards: `far` towards the lower side.
 struct Minimum {
   double at = 0, sigma = 0;
 };
@@ -45,7 +45,7 @@ inline Minimum jackknifed_minimum(const std::vector<double>& low, const std::vec
   const auto without = [&](int block) {
     const double a = mean_without(low, block), b = mean_without(middle, block), c = mean_without(high, block);
     const double curvature = a + c - 2 * b;
-    return curvature > 0 ? at + 0.5 * step * (a - c) / curvature : at + std::copysign(far, a - c);
+    return at + (curvature > 0 ? std::clamp(0.5 * step * (a - c) / curvature, -far, far) : std::copysign(far, a - c));
   };
   return {without(-1), jackknife_sigma(without)};
 }

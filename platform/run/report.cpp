@@ -52,7 +52,7 @@ std::string plot_map(const RunLog& log) {
     for (int i = 0; i < 3; ++i) ranges[i] = {std::min(ranges[i].low, p[i]), std::max(ranges[i].high, p[i])};
   };
   for (const FrameLog& frame : log.frames) {
-    if (!frame.pose_valid) {
+    if (!frame.pose_valid || frame.map != main_map) {
       if (!gap) path += "\n";
       gap = true;
       continue;

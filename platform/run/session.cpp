@@ -114,7 +114,9 @@ void take_map(System& system, const RunOptions& options, RunLog* log) {
   log->map_points.resize(static_cast<size_t>(system.map_points({}, map)));
   system.map_points(log->map_points, map);
   log->map_fit = map_fit(system);
-  log->map_parts = map_parts(system, kHoldingPoints);
+  // Of the map in use, whose number is the last frame's.
+  const bool in_use = log->frames.empty() || log->frames.back().map == map;
+  log->map_parts = in_use ? map_parts(system, kHoldingPoints) : 1;
   log->map_hash = map_hash(system);
   if (!options.save_map) return;
   try {

@@ -149,7 +149,7 @@ std::vector<SummaryRow> summarise(const RunLog& log, const RunSummary& summary) 
       for (const int map : maps)
         poses += format("%s%zu in map %d", poses.empty() ? "" : ", ", log.trajectory_in(map).size(), map);
       rows.push_back(
-          {"maps", poses + ": each has a world of its own; all above and below is of the one with the most"});
+          {"maps", poses + ": each has a world of its own. Path, points and errors are of the one with the most"});
     }
     rows.push_back(
         {"a tracked frame", format("%.1f ms, %.1f at worst (%s clock); %.2f million instructions (modelled)",

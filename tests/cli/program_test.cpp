@@ -364,7 +364,7 @@ TEST_F(Program, FindsTheReadoutAndTheFieldOfView) {
   };
   EXPECT_NEAR(number_after("best: --readout columns:-:"), 0.060, 0.003) << answer.out;
   EXPECT_NEAR(number_after("best: --fov "), 37, 0.03 * 37) << answer.out;
-  EXPECT_TRUE(contains(read_all(folder_ / "found/report.html"), "<svg"));
+  EXPECT_TRUE(contains(read_all(folder_ / "found/report.html"), "svg+xml"));
   // And so does a run that is told the wrong one: it says so. Of the right one it says nothing.
   EXPECT_TRUE(contains(run("replay d --fov 45 --no-overlay --out wrong").out, "the points fit a focal length of"));
   const Answer right = run("replay d --fov 37 --readout columns:-:0.060 --no-overlay --out right");

@@ -262,6 +262,7 @@ TEST(MapFile, EveryFaultIsNamed) {
       {"holds no map, or more", u32(88, 9)},
       {"impossible numbers", u32(92, 0)},
       {"impossible numbers", u32(84, 0)},  // the last one
+      {"impossible numbers", u32(84, 0x7fffffff)},
       {"counts", u32(100, 0)},             // keyframes
       {"counts", u32(100, 6)},             // more than slots
       {"counts", u32(120, 4)},             // all erased

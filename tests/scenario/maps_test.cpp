@@ -141,7 +141,7 @@ TEST(Maps, AreSavedAndLoadedTogether) {
   EXPECT_GT(share(at_home, kFramesPerSecond, recording.size() - kBackFrom, 1), 0.9);
   const RunLog elsewhere = run(test::part_of(recording, away, kBackFrom), second);
   EXPECT_GT(share(elsewhere, kFramesPerSecond, kBackFrom - away, 2), 0.9);
-  // The same bits again, and of a map that was loaded and saved.
+  // And saved again.
   second.save_map = true;
   const RunLog again = run(test::part_of(recording, kBackFrom, kBackFrom + 1), second);
   ASSERT_TRUE(System::map_info(again.saved_map, &info).ok());
@@ -160,14 +160,15 @@ TEST(Maps, GiveWayWhenThereAreTooMany) {
   }
   RunOptions options = starting_by_itself();
   options.max_keyframes = 6;
-  options.max_erased_keyframes = 12;
+  options.max_erased_keyframes = 20;
+  options.save_map = true;
   const RunLog log = run(all, options), again = run(all, options);
   EXPECT_GE(log.maps().size(), 3u);
-  int most = 0;
-  for (const FrameLog& frame : log.frames) most = std::max(most, frame.maps);
-  EXPECT_LE(most, 3);
-  EXPECT_EQ(log.map_hash, again.map_hash);
-  EXPECT_EQ(log.frames.size(), again.frames.size());
+  EXPECT_TRUE(log.saved_map == again.saved_map) << "two runs differ";
+  MapInfo info;
+  ASSERT_TRUE(System::map_info(log.saved_map, &info).ok());
+  EXPECT_LT(info.maps, static_cast<int>(log.maps().size())) << "none has given way";
+  EXPECT_LE(info.keyframes + info.erased_keyframes, 6 + 20 + 1) << "more images than there are";
 }
 
 }  // namespace
