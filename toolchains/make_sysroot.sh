@@ -10,8 +10,9 @@ if [[ "${1:-}" == -h || "${1:-}" == --help ]]; then
 Usage: toolchains/make_sysroot.sh arm64|armhf|armel [--suite bookworm|trixie] [--folder DIR]
 Fills DIR [build/sysroots/ARCHITECTURE] with the packages of Debian 12 (bookworm, unless told otherwise) or 13 (trixie)
 that the program needs on such a board, fetched from deb.debian.org; their lists are program_packages,
-display_packages and window_packages in toolchains/debian_packages.sh. Does nothing when that has been done; begins anew when list, suite or architecture
-have changed. Installs qemu-user and Debian's keys when they are missing (as root or by sudo).
+display_packages and window_packages in toolchains/debian_packages.sh. Does nothing when that has been done; begins
+anew when lists, suite or architecture have changed. Installs qemu-user and Debian's keys when they are missing (as
+root or by sudo).
 Then: cmake --preset board-arm64 && cmake --build --preset board-arm64
 Exit code: 0 when the sysroot is whole, 1 when it could not be made, 2 when asked for something unknown.
 HELP
