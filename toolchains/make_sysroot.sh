@@ -9,9 +9,10 @@ if [[ "${1:-}" == -h || "${1:-}" == --help ]]; then
   cat <<'HELP'
 Usage: toolchains/make_sysroot.sh arm64|armhf|armel [--suite bookworm|trixie] [--folder DIR]
 Fills DIR [build/sysroots/ARCHITECTURE] with the packages of Debian 12 (bookworm, unless told otherwise) or 13 (trixie)
-that the program needs on such a board, fetched from deb.debian.org; their list is program_packages in
-toolchains/debian_packages.sh. Does nothing when that has been done; begins anew when list, suite or architecture
-have changed. Installs qemu-user and Debian's keys when they are missing (as root or by sudo).
+that the program needs on such a board, fetched from deb.debian.org; their lists are program_packages,
+display_packages and window_packages in toolchains/debian_packages.sh. Does nothing when that has been done; begins
+anew when lists, suite or architecture have changed. Installs qemu-user and Debian's keys when they are missing (as
+root or by sudo).
 Then: cmake --preset board-arm64 && cmake --build --preset board-arm64
 Exit code: 0 when the sysroot is whole, 1 when it could not be made, 2 when asked for something unknown.
 HELP
@@ -28,10 +29,10 @@ fi
 sysroot=$(realpath -m "${folder:-build/sysroots/$architecture}")
 
 source toolchains/debian_packages.sh
-# Of what the program needs its libraries: the tools run on this computer.
+# Of what the program needs its libraries, with Mesa's drivers: the tools run on this computer.
 packages=(libc6-dev)
-for name in "${program_packages[@]}"; do
-  [[ "$name" == lib*-dev ]] && packages+=("$name")
+for name in "${program_packages[@]}" "${display_packages[@]}" "${window_packages[@]}"; do
+  [[ "$name" == lib* ]] && packages+=("$name")
 done
 made_of="$suite $architecture ${packages[*]}"
 if [[ -e "$sysroot/.made_of" && "$(<"$sysroot/.made_of")" == "$made_of" ]]; then

@@ -5,16 +5,23 @@ set -euo pipefail
 
 if [[ "${1:-}" == -h || "${1:-}" == --help || $# -lt 2 ]]; then
   cat <<'HELP'
-Usage: tests/boards/board_test.sh PROGRAM COMMAND...
+Usage: tests/boards/board_test.sh [--overlay] PROGRAM COMMAND...
 Renders 4 s of the emulated phone's desk with PROGRAM, this computer's pocket-ptam, stores the images in five formats,
 and runs replay with PROGRAM and with COMMAND, the board's and its emulator; likewise what was recorded live:
   tests/boards/board_test.sh build/release/pocket-ptam \
     qemu-aarch64 -L build/sysroots/arm64 build/board-arm64/pocket-ptam
+--overlay: COMMAND has drivers of displays, and is to draw the same overlay, but for what two renderers round otherwise.
+Without it there is to be none, and that is to be said.
 HELP
   (($# >= 2)) || exit 2
   exit 0
 fi
 
+overlay=""
+if [[ "$1" == --overlay ]]; then
+  overlay=1
+  shift
+fi
 host=$1
 shift
 board=("$@")
@@ -71,8 +78,18 @@ emulated_s=$((SECONDS - started))
 same_results "$work/host" "$work/board" || fail "other results:
 $(diff "$work/host.log" "$work/board.log" || true)"
 [[ -s "$work/board/report.html" ]] || fail "the board wrote no report.html"
-grep -q 'there is no overlay: drawing: built without it' "$work/board.log" ||
-  fail "the folder has no drivers of displays, and does not say so"
+if [[ -n "$overlay" ]]; then  # 45 dB: a grey level or two; the next still is another view
+  likeness() {
+    ffmpeg -nostdin -v info -i "$1" -i "$2" -lavfi psnr -f null - 2>&1 | sed -nE 's/.*average:([0-9]+|inf).*/\1/p' |
+      sed 's/inf/99/'
+  }
+  grep 'there is no overlay' "$work/board.log" && fail "the board draws no overlay"
+  (($(likeness "$work/host/overlay.png" "$work/board/overlay.png") >= 45)) || fail "the board draws another overlay"
+  (($(likeness "$work/host/start.png" "$work/board/overlay.png") < 30)) || fail "control: another view is the same"
+else
+  grep -q 'there is no overlay: drawing: built without it' "$work/board.log" ||
+    fail "the folder has no drivers of displays, and does not say so"
+fi
 
 # What was done live, in real time, is repeated: the recording knows its own bits, and replay compares.
 "$host" live --camera sim:desk --seed 3 --duration 8 --poses none --record "$work/live" >"$work/log" 2>&1 ||

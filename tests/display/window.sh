@@ -104,7 +104,7 @@ same "$picture" gap.xwd --colour 200 70 50 200 || fail "another size is not draw
 pressed=$(date +%s%N)
 xdotool key --window "$window" q
 wait "$run" || fail "q between two frames does not end the run well: exit code $?"
-(($(date +%s%N) - pressed < 1500000000)) || fail "q waits for the next frame"
+(($(date +%s%N) - pressed < 1800000000)) || fail "q waits for the next frame"
 
 # A live recording that is repeated in part is not called the same bits.
 "$build/pocket-ptam" live --camera sim:desk --duration 6 --poses none --record recorded >recorded.txt 2>&1

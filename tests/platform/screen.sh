@@ -142,7 +142,8 @@ cat "$out/replay.txt" "$out/live.txt"
 same() {
   "$build/tests/display/same_pictures" "$@"
 }
-same "$out/pocket-ptam-0001.png" "$out/still.ppm" --colour 200 70 50 500 || fail "the screen does not show what was drawn"
+same "$out/pocket-ptam-0001.png" "$out/still.ppm" --colour 200 70 50 500 ||
+  fail "the screen does not show what was drawn"
 same "$out/still.ppm" "$out/away.ppm" && fail "control: another console shows the same"
 same "$out/still.ppm" "$out/back.ppm" || fail "after another console had it, the screen shows something else"
 same "$out/still.ppm" "$out/again.ppm" || fail "after it was unplugged, the screen shows something else"
