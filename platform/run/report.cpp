@@ -51,6 +51,7 @@ std::string plot_map(const RunLog& log) {
   const auto include = [&](const Vector3d& p) {
     for (int i = 0; i < 3; ++i) ranges[i] = {std::min(ranges[i].low, p[i]), std::max(ranges[i].high, p[i])};
   };
+  const int main_map = log.main_map();
   for (const FrameLog& frame : log.frames) {
     if (!frame.pose_valid || frame.map != main_map) {
       if (!gap) path += "\n";
