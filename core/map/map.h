@@ -131,7 +131,8 @@ class Map {
   void set_full(bool full) { full_ = full; }
   void clear();      // the map in use; keeps storage; ids are not used again
   void clear_all();  // and those that are set aside
-  // Counts clear(), settle() and changes of scale by the user. After either, the mapper drops the job that it was doing.
+  // Counts clear(), settle() and changes of scale by the user. After either, the mapper drops the job that it was
+  // doing.
   uint32_t epoch() const { return epoch_; }
 
   // Several maps. A finished map has a number, which no other has: 1 for the first one; 0: there is none in use.

@@ -336,8 +336,8 @@ void Tracker::begin_anew_if_lost_long() {
   hint_ = Hint::kHoldStill;
 }
 
-// Now and then the relocaliser tries one of the maps that are set aside. From a finished map only older ones are returned
-// to: two that show the same scene would take turns.
+// Now and then the relocaliser tries one of the maps that are set aside. From a finished map only older ones are
+// returned to: two that show the same scene would take turns.
 void Tracker::look_aside(TrackResult* result) {
   if (map_.looking() || confirmed_ > 0 || --frames_until_look_ > 0) return;
   const bool tracking = state_ == TrackingState::kTracking;

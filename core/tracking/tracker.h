@@ -79,10 +79,10 @@ class Tracker {
   TrackResult last_;  // of the last picture that was not a repeated one
   TrackingState state_ = TrackingState::kWaiting;
   Hint hint_ = Hint::kTap;
-  int confirmed_ = 0;           // good frames in a row since a relocalisation; 0 when none is being confirmed
-  int relocalise_attempt_ = 0;  // since the camera was lost
-  float lost_s_ = 0;            // likewise, seconds
-  int frames_until_look_ = 0;   // at the maps that are set aside
+  int confirmed_ = 0;                 // good frames in a row since a relocalisation; 0 when none is being confirmed
+  int relocalise_attempt_ = 0;        // since the camera was lost
+  float lost_s_ = 0;                  // likewise, seconds
+  int frames_until_look_ = 0;         // at the maps that are set aside
   int look_place_ = 0;                // the last one looked at; while Map::looking() it is in use
   int look_attempts_[kMaxMaps] = {};  // by place
   MotionModel before_look_;           // as it was, and so on

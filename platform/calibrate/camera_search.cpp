@@ -90,7 +90,8 @@ CameraSearch search_camera(const std::function<TrackedClip(const CameraAssumptio
     if (options.focal && fit.focal.trouble.empty()) assumed.focal_factor *= fit.focal.value;
     search.focal_factor = assumed.focal_factor;
     if (search.settled) break;
-    if (options.readout && fit.readout_s.trouble.empty()) assumed.shutter = shutter_of(fit.axis, fit.readout_s.value, clip.camera.model);
+    if (options.readout && fit.readout_s.trouble.empty())
+      assumed.shutter = shutter_of(fit.axis, fit.readout_s.value, clip.camera.model);
   }
   return search;
 }

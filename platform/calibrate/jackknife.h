@@ -35,8 +35,8 @@ double jackknife_sigma(const Statistic& without) {
   return std::sqrt(squares * (kJackknifeBlocks - 1) / kJackknifeBlocks);
 }
 
-// The minimum of a parabola through the costs at middle - step, middle and middle + step, at most `far` from the middle,
-// and its standard deviation. Where it opens downwards: `far` towards the lower side.
+// The minimum of a parabola through the costs at middle - step, middle and middle + step, at most `far` from the
+// middle, and its standard deviation. Where it opens downwards: `far` towards the lower side.
 struct Minimum {
   double at = 0, sigma = 0;
 };

@@ -263,10 +263,10 @@ TEST(MapFile, EveryFaultIsNamed) {
       {"impossible numbers", u32(92, 0)},
       {"impossible numbers", u32(84, 0)},  // the last one
       {"impossible numbers", u32(84, 0x7fffffff)},
-      {"counts", u32(100, 0)},             // keyframes
-      {"counts", u32(100, 6)},             // more than slots
-      {"counts", u32(120, 4)},             // all erased
-      {"counts", u32(108, 0x40000000)},    // points
+      {"counts", u32(100, 0)},           // keyframes
+      {"counts", u32(100, 6)},           // more than slots
+      {"counts", u32(120, 4)},           // all erased
+      {"counts", u32(108, 0x40000000)},  // points
       {"counts", u32(104, 0xffffffff)},
       {"counts", u32(116, 11)},
       {"counts", u32(124, 0xffffffff)},  // measurements
