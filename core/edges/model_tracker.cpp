@@ -306,6 +306,13 @@ Hypothesis ModelTracker::Impl::follow() {
   matching.set_prior({T_predicted});
   for (const SE3& start : starts)
     if (best.quality <= doubted()) wide = attempt(start, matching.coarsest(), kFirstRange) || wide;
+  // What drifts along what hides the object is far from the last pose that was surely right, and looks worse than
+  // there.
+  if (best.quality <= doubted()) {
+    matching.set_prior({T_good});
+    wide = attempt(T_good, matching.coarsest(), kFirstRange) || wide;
+    matching.set_prior({T_predicted});
+  }
   if (!best.fit.ok) return best;
   if (!wide) matching.set_prior(prior_near(T_predicted));
   matching.refit(&best);

@@ -144,7 +144,7 @@ TEST(ModelTracker, FollowsABoxThatGoesAwayAndComesNear) {
   for (int i = 0; i < 215; ++i) {
     const ModelResult r = tracker.track(object.render(camera, pose(i)));
     ASSERT_TRUE(r.pose_valid) << i;
-    EXPECT_LT(corner_error(camera, r.T_co, pose(i)), i < 180 ? 0.5 : 2) << i;
+    EXPECT_LT(corner_error(camera, r.T_co, pose(i)), i < 180 ? 0.8 : 2) << i;
     if (i > 3) least = std::min(least, r.quality);
   }
   // At 1.6 units, 80 px large, a quarter of the contours is left: by their number alone quality would be under 0.3.

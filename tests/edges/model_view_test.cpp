@@ -147,7 +147,8 @@ TEST(ModelView, ACircleOutsideTheImageTakesNoSites) {
   test::RenderedObject object = box();
   Viewer alone(object.model(), vga_camera(), 200);
   const int box_alone = alone.sites(T).size();
-  object.circles.push_back({Vector3f::Zero(), T.R.transpose() * Vector3f(0, 0, -1), 0.52f});  // 390 px, the image's corners are 400 px away
+  // Of a radius of 390 px; the image's corners are 400 px away.
+  object.circles.push_back({Vector3f::Zero(), T.R.transpose() * Vector3f(0, 0, -1), 0.52f});
   Viewer viewer(object.model(), vga_camera(), 200);
   int on_circle = 0;
   for (const ContourSite& site : viewer.sites(T)) {
