@@ -19,7 +19,7 @@ namespace {
 using Eigen::Isometry3d;
 using platform::format;
 
-constexpr double kTexel_m = 0.0005;
+constexpr double kModelTexel_m = 0.0005;
 constexpr double kTurn = 2 * std::numbers::pi;
 constexpr uint64_t kModelScenes = 30, kModelStories = 40;  // random streams, one for each story from here on
 
@@ -70,7 +70,7 @@ std::vector<Vector3d> corners_of(const Surface& s) {
 
 Surface plain(double width_m, double height_m, const Vector3d& origin, const Vector3d& u, const Vector3d& v,
               double grey, double light = 1) {
-  Canvas canvas(width_m, height_m, std::max(kTexel_m, std::min(width_m, height_m) / 8));
+  Canvas canvas(width_m, height_m, std::max(kModelTexel_m, std::min(width_m, height_m) / 8));
   canvas.rectangle(Place(0, 0, 0), -1, -1, width_m + 1, height_m + 1, grey);
   Surface surface = surface_of(canvas, origin, u, v, light);
   surface.width_m = width_m;  // exactly, whatever the texels
@@ -139,7 +139,7 @@ Scene four_circles(Random& random) {
   CaoText model;
   scene.surfaces.push_back(littered_table(1.4, 0.24, random));
   constexpr double kWidth = 0.28, kHeight = 0.22, kThick = 0.002;
-  Canvas board(kWidth, kHeight, kTexel_m);
+  Canvas board(kWidth, kHeight, kModelTexel_m);
   board.rectangle(Place(0, 0, 0), -1, -1, 1, 1, 0.75);
   for (const double x : {-kCircleX, kCircleX})
     for (const double y : {-kCircleY, kCircleY}) {
@@ -191,7 +191,7 @@ Scene machine(Random& random) {
   scene.surfaces.push_back(littered_table(2.0, 0.5, random));
   constexpr double kWidth = 0.5, kHeight = 0.36, kTall = 0.12;
   const Vector3d x = Vector3d::UnitX(), y = Vector3d::UnitY();
-  Canvas top(kWidth, kHeight, kTexel_m);
+  Canvas top(kWidth, kHeight, kModelTexel_m);
   const Place whole(0, 0, 0);
   top.rectangle(whole, -1, -1, 1, 1, 0.55);
   const auto at = [&](double u, double v) { return Vector3d(u - 0.5 * kWidth, 0.5 * kHeight - v, kTall); };
@@ -219,7 +219,7 @@ Scene machine(Random& random) {
 Scene circuit_board(Random& random) {
   Scene scene;
   CaoText model;
-  Canvas table(1.2, 1.2, kTexel_m);
+  Canvas table(1.2, 1.2, kModelTexel_m);
   wood(table, random);
   for (int i = 0; i < 60; ++i) {
     const Place place(random.uniform(0, 1.2), random.uniform(0, 1.2), random.uniform(0, kTurn));
@@ -310,7 +310,7 @@ void add_arm(const Vector3d& towards, const Path& path, Random& random, Story* s
 
 // A screwdriver: a handle and a thin shaft.
 void add_tool(const Vector3d& towards, double roll, const Path& path, Random& random, Story* story) {
-  Canvas handle(0.03, 0.1, kTexel_m), shaft(0.007, 0.12, kTexel_m);
+  Canvas handle(0.03, 0.1, kModelTexel_m), shaft(0.007, 0.12, kModelTexel_m);
   handle.rectangle(Place(0, 0, 0), -1, -1, 1, 1, random.uniform(0.1, 0.7));
   for (int i = 0; i < 4; ++i) handle.rectangle(Place(0, 0, 0), 0.003 + 0.007 * i, 0, 0.006 + 0.007 * i, 1, 0.05);
   shaft.rectangle(Place(0, 0, 0), -1, -1, 1, 1, 0.7);

@@ -52,14 +52,14 @@ struct ModelLog {
   std::string broken;
 };
 
-const char* name_of(ModelState state) {
+const char* model_state_name(ModelState state) {
   return state == ModelState::kTracking ? "tracking" : state == ModelState::kLost ? "lost" : "waiting";
 }
 
 void add_result(const ModelResult& result, ModelLog* log) {
   ++log->frames;
   log->csv += format("%.6f,%s,%d,%.3f,%d,%d,%.3f\n", 1e-9 * static_cast<double>(result.timestamp_ns),
-                     name_of(result.state), result.pose_valid ? 1 : 0, static_cast<double>(result.quality),
+                     model_state_name(result.state), result.pose_valid ? 1 : 0, static_cast<double>(result.quality),
                      result.sites_visible, result.sites_inliers, static_cast<double>(result.error_px));
   log->restarts += result.restarted ? 1 : 0;
   log->lost += result.state == ModelState::kLost ? 1 : 0;
@@ -274,9 +274,9 @@ class ModelRun {
         }
         camera_->give_back();
         const double seconds = 1e-9 * static_cast<double>(frame.timestamp_ns - first_ns);
-        progress.show(
-            log_.frames, camera_->info().frame_count.value_or(0),
-            format("%.1f s  %s, quality %.2f", seconds, name_of(result.state), static_cast<double>(result.quality)));
+        progress.show(log_.frames, camera_->info().frame_count.value_or(0),
+                      format("%.1f s  %s, quality %.2f", seconds, model_state_name(result.state),
+                             static_cast<double>(result.quality)));
         if (chosen_.duration_s > 0 && seconds >= chosen_.duration_s) break;
       } while (next_frame(&frame));
     } catch (const InputError& error) {
