@@ -7,6 +7,7 @@
 
 #include "platform/input_error.h"
 #include "platform/text.h"
+#include "sim_phone/model_stories.h"
 #include "sim_phone/motion.h"
 #include "sim_phone/random.h"
 #include "sim_phone/scene.h"
@@ -116,6 +117,7 @@ class PhoneCamera : public platform::Camera {
 }  // namespace
 
 Scene make_scene(const PhoneOptions& options) {
+  if (is_model_story(options.story)) return make_model_scene(options.story, options.seed);
   return make_scene(options.scene, options.scene_seed.value_or(options.seed), options.harsh);
 }
 
@@ -127,6 +129,7 @@ void check_phone_options(const PhoneOptions& o) {
   if (!o.story.empty()) {
     std::vector<std::string> names;
     for (const StoryKind& kind : stories()) names.push_back(kind.name);
+    for (const ModelStory& kind : model_stories()) names.push_back(kind.name);
     require(known(o.story, names), "story '" + o.story + "' is unknown; choose one of " + joined(names));
   }
   require(known(o.scene, scene_names()), "scene '" + o.scene + "' is unknown; choose one of " + joined(scene_names()));

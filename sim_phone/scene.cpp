@@ -537,6 +537,7 @@ double first_hit(const Scene& scene, const Vector3d& origin, const Vector3d& dir
 
 // Rounded to a micrometre, so that corners in which surfaces meet are the same.
 std::string model_text(const Scene& scene) {
+  if (!scene.model.empty()) return scene.model;
   std::string points, faces;
   int count = 0;
   for (const Surface& s : scene.surfaces) {

@@ -26,6 +26,7 @@ struct Scene {
   std::vector<Surface> surfaces;
   float background = 0.15f;  // where no surface is hit
   Stage stage;
+  std::string model;  // its known object, .cao text; empty: its things, model_text()
 };
 
 // The checkerboard scene: corner (i, j), 0 <= i <= kCheckerColumns, 0 <= j <= kCheckerRows, lies at
@@ -37,8 +38,8 @@ constexpr double kCheckerSquare_m = 0.03;
 // Depth at which the ray origin + depth * direction first meets a surface from its visible side; infinity: nowhere.
 double first_hit(const Scene& scene, const Vector3d& origin, const Vector3d& direction);
 
-// The things of the scene as a model for `pocket-ptam model`, .cao text in the scene's frame: a face for each surface
-// but those longer than kLargestThing_m, the table, floor and walls. Empty: there is no such thing.
+// Scene::model; or the things of the scene as a model for `pocket-ptam model`, .cao text in the scene's frame: a face
+// for each surface but those longer than kLargestThing_m, the table, floor and walls. Empty: there is no such thing.
 constexpr double kLargestThing_m = 1;
 std::string model_text(const Scene& scene);
 

@@ -145,7 +145,10 @@ for preset in "${presets[@]}"; do
       targets=(kernels_tests map_file_tests bits_tests budget_tests edges_tests)
       labels='^(kernels|map_file|bits|budget|edges)$'
       ;;
-    armv7 | aarch64) targets=(kernels_tests map_file_tests bits_tests edges_tests) labels='^(kernels|map_file|bits|edges)$' ;;
+    armv7 | aarch64)
+      targets=(kernels_tests map_file_tests bits_tests edges_tests)
+      labels='^(kernels|map_file|bits|edges)$'
+      ;;
   esac
   if [[ -n "${PPTAM_ALL:-}" && "$preset" =~ ^(arm|aarch) ]]; then
     targets+=(unit_tests) labels="${labels/(/(unit|}"

@@ -25,14 +25,15 @@ constexpr float kSharp = 0.6f;
 // Likeness from which on a site, with its neighbours, looks as it should, and surely does. Not swept; learning the
 // latter in uncertain frames, too, is better than not to.
 constexpr float kAlike = 0.3f, kSure = 0.6f;
-constexpr uint8_t kUnsupported = 0, kSupported = 1, kSurely = 2;
+constexpr uint8_t kUnsupported = 0, kSupported = 1, kSurely = 2, kNoSite = 3;
 // Ratio to the frame's usual change of contrast: up to the first an edge is another one, from the second on the same.
 constexpr float kOtherContrast = 0.4f, kSameContrast = 0.7f;
 constexpr int kNeighbours = 3;     // sites on either side along a contour
 constexpr float kAlone = 0.03f;    // share of its likelihood that an edge keeps when its neighbours look unlike theirs
-constexpr float kSuddenly = 0.9f;  // share of the usual sites that a pose must show
-// Share of a frame in the usual number of sites: of more, and of fewer.
-constexpr float kMoreSites = 0.3f, kFewerSites = 0.002f;
+constexpr float kSuddenly = 0.9f;  // share of the usual length of contours that a pose must show
+// Share of a frame in the usual length of contours: of more, and of less.
+constexpr float kMoreSeen = 0.3f, kLessSeen = 0.002f;
+constexpr float kLeastShare = 0.05f;     // of the contours within the image, with which what is outside is reckoned
 constexpr float kCoarserSpacing = 1.5f;  // of sites in levels coarser than the finest searched, ratio
 constexpr int kOtherLevels = 4;          // levels that are not searched are looked at every so many frames
 
@@ -42,7 +43,7 @@ EdgeMatching::EdgeMatching(Arena& arena, const ModelTrackerConfig& config)
     : config_(config),
       parts_(arena, config.model),
       view_(arena, parts_, config.camera),
-      servoing_(arena, view_, parts_, config.camera, config.max_sites),
+      servoing_(arena, view_, parts_, config),
       memory_(arena, kModelLevels * parts_.contours_at_most() * kSiteBuckets),
       supported_(arena, parts_.contours_at_most() * kSiteBuckets),
       sites_(arena, config.max_sites),
@@ -60,14 +61,14 @@ EdgeMatching::EdgeMatching(Arena& arena, const ModelTrackerConfig& config)
 
 void EdgeMatching::forget() {
   std::fill(memory_.begin(), memory_.end(), SiteMemory{});
-  usual_sites_ = 0;
+  usual_length_ = 0;
   finest_ = 0;
 }
 
 void EdgeMatching::begin(const Pyramid& pyramid, const Vector6f& velocity) {
   pyramid_ = pyramid;
   velocity_ = velocity;
-  ++frames_;
+  frames_ = (frames_ + 1) % kOtherLevels;
 }
 
 // Coarser levels only lead to the finest one.
@@ -89,7 +90,8 @@ void EdgeMatching::search(int i, int level, int range) {
   int16_t* profile = &profiles_[i * kMaxProfile];
   sample_profile(image, px, site.normal, range + kMatchHalf, profile);
   EdgeCandidate found[kMaxCandidates];
-  const int count = find_edges(profile, range, memory(site, level), found);
+  const SiteMemory nothing;
+  const int count = find_edges(profile, range, config_.method.no_weights ? nothing : memory(site, level), found);
   if (count == 0) return;
   EdgeMeasurement m;
   m.contour = site.contour;
@@ -106,7 +108,7 @@ void EdgeMatching::search(int i, int level, int range) {
 
 ServoingResult EdgeMatching::fit(const SE3& T_co, int level, int range) {
   view_.set_pose(T_co);
-  view_.make_sites(level, spacing(level), velocity_, &sites_);
+  spacing_px_ = view_.make_sites(level, spacing(level), velocity_, &sites_) * static_cast<float>(1 << level);
   measurements_.clear();
   for (int i = 0; i < sites_.size(); ++i) search(i, level, range);
   weigh_by_contrast();
@@ -188,6 +190,14 @@ void EdgeMatching::refit(Hypothesis* hypothesis) {
   hypothesis->quality = quality();
 }
 
+// How much the last search's pose shows of the object: length of contours that nothing of the object hides, as if they
+// were at the distance 1 and whole within the image, level-0 pixels times model units. The same when the object goes
+// away, comes near or leaves the image; less when it turns so that fewer contours face the camera.
+float EdgeMatching::shown_length() const {
+  const float depth = std::max((view_.T_co() * parts_.middle()).z(), 0.1f * parts_.extent());
+  return static_cast<float>(sites_.size()) * spacing_px_ * depth / std::max(view_.share_in_image(), kLeastShare);
+}
+
 // Of the last search. What has turned away suddenly counts as if it were hidden. Of sites that have shown nothing yet
 // strong edges count that lie close to their contours: anything has some edge near.
 float EdgeMatching::quality() const {
@@ -199,8 +209,9 @@ float EdgeMatching::quality() const {
     const EdgeCandidate& edge = m.edge[m.chosen];
     sum += edge.known ? edge.likeness : edge.strength * std::max(0.0f, 1 - m.distance_px * m.distance_px / close_sq);
   }
-  const float usual = usual_sites_ / static_cast<float>(1 << finest_);
-  return sum / std::max(static_cast<float>(sites_.size()), kSuddenly * usual);
+  const float usual = kSuddenly * usual_length_, shown = shown_length();
+  const float turned_away = shown < usual ? shown / usual : 1;
+  return turned_away * sum / static_cast<float>(sites_.size());
 }
 
 float EdgeMatching::evidence(const SE3& T_co, int level) {
@@ -228,7 +239,8 @@ float EdgeMatching::evidence(const SE3& T_co, int level) {
 }
 
 // measurement: null, nothing was found. since_search: from the pose of the search to that of the result.
-ModelSite EdgeMatching::judged(const ContourSite& site, const EdgeMeasurement* measurement, const SE3& since_search) {
+ModelSite EdgeMatching::judged(const ContourSite& site, const EdgeMeasurement* measurement,
+                               const SE3& since_search) const {
   ModelSite shown;
   shown.contour = site.contour;
   PredictedPoint seen;
@@ -238,13 +250,17 @@ ModelSite EdgeMatching::judged(const ContourSite& site, const EdgeMeasurement* m
   const EdgeMeasurement& m = *measurement;
   const EdgeCandidate& edge = m.edge[m.chosen];
   if (!(edge.likeness > kAlike && m.coherence > kAlike)) return shown;
-  Vector2f px;
-  if (config_.camera.project(Vector3f(m.ray[m.chosen].x(), m.ray[m.chosen].y(), 1), &px)) shown.px = px;
+  shown.px = site.px + site.normal * (edge.offset * static_cast<float>(1 << finest_));
   shown.kind = SiteKind::kRejectedRobustly;
   if (!(m.weight > 0 && std::abs(m.distance_px) < support_px())) return shown;
   shown.kind = SiteKind::kInlier;
-  supported(site) = edge.likeness > kSure && m.coherence > kSure ? kSurely : kSupported;
   return shown;
+}
+
+uint8_t EdgeMatching::support_of(const ModelSite& judged, const EdgeMeasurement* measurement) const {
+  if (judged.kind != SiteKind::kInlier) return kUnsupported;
+  const bool sure = measurement->edge[measurement->chosen].likeness > kSure && measurement->coherence > kSure;
+  return sure ? kSurely : kSupported;
 }
 
 void EdgeMatching::report(const Hypothesis& found, ModelResult* result) {
@@ -254,7 +270,7 @@ void EdgeMatching::report(const Hypothesis& found, ModelResult* result) {
   result->quality = found.quality;
   result->sites_visible = sites_.size();
   reported_.clear();
-  std::fill(supported_.begin(), supported_.end(), kUnsupported);
+  std::fill(supported_.begin(), supported_.end(), kNoSite);
   float sum[kModelFeatures] = {}, all = 0;
   int next = 0;
   const SE3 since_search = found.T_co * view_.T_co().inverse();
@@ -262,6 +278,9 @@ void EdgeMatching::report(const Hypothesis& found, ModelResult* result) {
     const bool measured = next < measurements_.size() && measurements_[next].site == i;
     const EdgeMeasurement* m = measured ? &measurements_[next++] : nullptr;
     reported_.push_back(judged(sites_[i], m, since_search));
+    // The worst of a bucket's sites decides: the others may be beside what hides it.
+    uint8_t& bucket = supported(sites_[i]);
+    bucket = std::min(bucket, support_of(reported_.back(), m));
     if (reported_.back().kind != SiteKind::kInlier) continue;
     const int feature = static_cast<int>(parts_.feature(sites_[i].contour));
     sum[feature] += m->distance_px * m->distance_px;
@@ -280,32 +299,35 @@ void EdgeMatching::report(const Hypothesis& found, ModelResult* result) {
 // The level that was searched shows its profiles again; the next coarser one is looked at in each frame, the others in
 // some.
 void EdgeMatching::learn(const SE3& T_co, bool certain) {
-  const float visible = static_cast<float>(sites_.size() << finest_);
-  usual_sites_ += (visible > usual_sites_ ? kMoreSites : kFewerSites) * (visible - usual_sites_);
+  const float shown = shown_length();
+  usual_length_ += (shown > usual_length_ ? kMoreSeen : kLessSeen) * (shown - usual_length_);
   float contrast[kModelLevels] = {};
   int seen[kModelLevels] = {};
-  const auto show = [&](const ContourSite& site, int level, const int16_t* profile, int index) {
-    if (certain || supported(site) == kSurely) pptam::learn(profile, index, &memory(site, level));
+  const auto show = [&](const ContourSite& site, uint8_t support, int level, const int16_t* profile, int index) {
+    if (certain || support == kSurely) pptam::learn(profile, index, &memory(site, level));
     contrast[level] += static_cast<float>(std::abs(convolution(profile, index)));
     ++seen[level];
   };
   for (const EdgeMeasurement& m : measurements_) {
-    if (m.weight == 0 || supported(sites_[m.site]) == kUnsupported) continue;
-    show(sites_[m.site], finest_, &profiles_[m.site * kMaxProfile], m.edge[m.chosen].index);
+    const uint8_t support = support_of(reported_[m.site], &m);
+    if (m.weight == 0 || support == kUnsupported) continue;
+    show(sites_[m.site], support, finest_, &profiles_[m.site * kMaxProfile], m.edge[m.chosen].index);
   }
   view_.set_pose(T_co);
   int known = finest_;  // levels up to it are compared
   for (int level = 0; level <= coarsest_; ++level) {
-    if (level == finest_ || (level > finest_ + 1 && frames_ % kOtherLevels != 0)) continue;
+    if (level == finest_ || (level > finest_ + 1 && frames_ != 0)) continue;
     known = std::max(known, level);
     view_.make_sites(level, spacing(level), velocity_, &sites_);
     for (const ContourSite& site : sites_) {
       const Vector2f px = in_level(site, level);
-      if (supported(site) == kUnsupported || !profile_inside(pyramid_.level[level], px, site.normal, kMatchHalf))
+      const uint8_t support = supported(site);
+      if (support == kUnsupported || support == kNoSite ||
+          !profile_inside(pyramid_.level[level], px, site.normal, kMatchHalf))
         continue;
       int16_t profile[kMaxProfile];
       sample_profile(pyramid_.level[level], px, site.normal, kMatchHalf, profile);
-      show(site, level, profile, kMatchHalf);
+      show(site, support, level, profile, kMatchHalf);
     }
   }
   for (int level = 0; level <= known; ++level) contrast[level] /= static_cast<float>(std::max(seen[level], 1));

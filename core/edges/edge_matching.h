@@ -11,6 +11,7 @@
 #include "base/containers.h"
 #include "edges/edge_search.h"
 #include "edges/model_view.h"
+#include "edges/object_search.h"
 #include "edges/servoing.h"
 #include "image/pyramid.h"
 
@@ -59,6 +60,9 @@ class EdgeMatching {
   // How well the picture agrees with a pose as it is, without a search beyond a pixel of the level: 0 to 1.
   float evidence(const SE3& T_co, int level);
 
+  // Poses that may be the object's, when nothing is known of it.
+  std::span<const SE3> propose(ObjectSearch& search) { return search.run(pyramid_, view_, &sites_); }
+
   // After refine() or refit() of this hypothesis.
   void report(const Hypothesis& found, ModelResult* result);
   // After report(): remembers what supported sites show. certain: of the whole pose; else only those are learnt that
@@ -75,11 +79,13 @@ class EdgeMatching {
   }
   float spacing(int level) const;
   float support_px() const;
+  float shown_length() const;
   float quality() const;
   void search(int site, int level, int range);
   void weigh_by_contrast();
   void weigh_by_neighbours();
-  ModelSite judged(const ContourSite& site, const EdgeMeasurement* measurement, const SE3& since_search);
+  ModelSite judged(const ContourSite& site, const EdgeMeasurement* measurement, const SE3& since_search) const;
+  uint8_t support_of(const ModelSite& judged, const EdgeMeasurement* measurement) const;
 
   const ModelTrackerConfig& config_;
   ModelParts parts_;
@@ -90,16 +96,17 @@ class EdgeMatching {
   // By contour and bucket, the first also by level.
   FixedVector<SiteMemory> memory_;
   FixedVector<uint8_t> supported_;  // in the last report
-  float usual_sites_ = 0;           // visible in certain frames, as if level 0 had been searched
+  float usual_length_ = 0;          // shown_length() of certain frames
 
   // The frame.
   Pyramid pyramid_;
   Vector6f velocity_ = Vector6f::Zero();
   PosePrior prior_;
-  int frames_ = 0;
+  int frames_ = 0;  // modulo kOtherLevels
 
   // The last search.
   FixedVector<ContourSite> sites_;
+  float spacing_px_ = 0;  // of them, level 0
   FixedVector<EdgeMeasurement> measurements_;
   FixedVector<int16_t> profiles_;  // kMaxProfile for each site
   FixedVector<float> values_;      // working storage, by site

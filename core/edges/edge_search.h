@@ -33,6 +33,9 @@ constexpr int kStepResponse = 3 * kProfileUnits;
 // apart along the contour. px: pixels of this image, 0 <= coordinates < 32768. All samples must lie inside:
 // profile_inside(). Values: 0 to 12240.
 void sample_profile(const GreyView& image, const Vector2f& px, const Vector2f& normal, int half, int16_t* profile);
+namespace plain {  // the specification; elsewhere a form by hand gives the same bits, where there is one that is faster
+void sample_profile(const GreyView& image, const Vector2f& px, const Vector2f& normal, int half, int16_t* profile);
+}
 bool profile_inside(const GreyView& image, const Vector2f& px, const Vector2f& normal, int half);
 
 // The mask's convolution at index i of a profile: |.| <= 36720.

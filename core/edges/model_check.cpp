@@ -23,6 +23,7 @@ bool within_range(const Vector3f& v) {
 
 Status ObjectModel::validate() const {
   if (points.size() > kMaxPoints) return bad("ObjectModel::points: at most 4096");
+  if (lines.size() > kMaxSides) return bad("ObjectModel: at most 4096 lines and sides of faces");
   if (faces.size() > kMaxFaces) return bad("ObjectModel::faces: at most 2048");
   if (cylinders.size() > kMaxCurved || circles.size() > kMaxCurved || spheres.size() > kMaxCurved)
     return bad("ObjectModel: at most 1024 cylinders, circles and spheres each");
@@ -60,10 +61,10 @@ Status ObjectModel::validate() const {
       return bad("ObjectModel::cylinders: two points at different places and a radius are needed");
   for (const ModelCircle& circle : circles)
     if (!within_range(circle.centre) || !within_range(circle.normal) || !positive(circle.radius) ||
-        !(circle.normal.squaredNorm() > 1e-20f))
+        !(circle.normal.squaredNorm() > 1e-20f) || !threshold(circle.min_area_px2))
       return bad("ObjectModel::circles: a centre, a normal with a length and a radius are needed");
   for (const ModelSphere& sphere : spheres)
-    if (!within_range(sphere.centre) || !positive(sphere.radius))
+    if (!within_range(sphere.centre) || !positive(sphere.radius) || !threshold(sphere.min_area_px2))
       return bad("ObjectModel::spheres: a centre and a radius are needed");
   return {};
 }
@@ -78,6 +79,8 @@ Status ModelTrackerConfig::validate() const {
   if (!(site_spacing_px >= 1 && site_spacing_px <= 100))
     return bad("ModelTrackerConfig::site_spacing_px must be within 1 to 100");
   if (max_sites < 50 || max_sites > 5000) return bad("ModelTrackerConfig::max_sites must be within 50 to 5000");
+  if (!(method.likelihood_threshold >= 0 && method.likelihood_threshold <= 1))
+    return bad("ModelTrackerConfig::method.likelihood_threshold must be within 0 to 1");
   return model.validate();
 }
 

@@ -8,6 +8,7 @@
 #include "camera/motion_model.h"
 #include "camera/small_image.h"
 #include "edges/edge_matching.h"
+#include "edges/object_search.h"
 #include "edges/point_pose.h"
 
 namespace pptam {
@@ -20,6 +21,7 @@ constexpr int kFirstRange = 8, kNearRange = 5;
 constexpr float kWeak = 0.3f, kBelieved = 0.55f;
 constexpr int kWeakFrames = 3;          // in a row: lost
 constexpr float kStartQuality = 0.25f;  // of a start: half of the contours have an edge, whatever it looks like
+constexpr float kFoundQuality = 0.5f;   // the same of a pose that nothing was known of. Not swept
 constexpr float kUsual = 0.7f;          // quality of a good frame, before there was one
 // Share of a frame in what is usual: of better ones, and of worse ones, because what hides an object is not usual.
 constexpr float kAdopt = 0.3f, kDecline = 0.002f;
@@ -100,7 +102,7 @@ class PoseSearch {
     SE3 T;
     float quality;
   };
-  int finer_level() const { return std::max(matching_.coarsest() - 1, 0); }
+  int finer_level() const { return std::max(matching_.coarsest() - 1, matching_.finest()); }
 
   EdgeMatching& matching_;
   Kept kept_[kKept];
@@ -119,7 +121,9 @@ struct ModelTracker::Impl {
 
   ModelResult track(const Frame& frame);
   Status check(const Frame& frame) const;
+  void forget();
   Hypothesis start_anew();
+  Hypothesis start_anywhere();
   Hypothesis track_on(float dt_s);
   Hypothesis follow();
   Hypothesis restart();
@@ -136,6 +140,7 @@ struct ModelTracker::Impl {
 
   ModelTrackerConfig config;
   EdgeMatching matching;
+  ObjectSearch object_search;
   FullFrameRotation rotation;
   MotionModel motion;  // its world is the object
 
@@ -146,12 +151,13 @@ struct ModelTracker::Impl {
   int64_t last_timestamp_ns = INT64_MIN;
 
   ModelState state = ModelState::kWaiting;
-  bool starting = false;
+  bool starting = false, anywhere = false;  // at T_start, or there
   SE3 T_start;
   float usual_quality = kUsual, recent_quality = kUsual;  // of good frames, nearly their best; of the last ones
   float typical_quality = kUsual;                         // of good frames, their mean
   float turn_error_sq = 0, shift_error_sq = 0;            // of predictions, mean squares by component
-  int weak_frames = 0, lost_frames = 0;                   // in a row
+  int weak_frames = 0;                                    // in a row
+  int lost_frames = 0;                                    // since the loss, modulo 2 kTurnShares
   SE3 T_good;                                             // last good pose
   SE3 T_carried;                                          // the same with the camera's turns since the loss
   FixedVector<View> views;
@@ -159,7 +165,11 @@ struct ModelTracker::Impl {
 };
 
 ModelTracker::Impl::Impl(Arena& arena, const ModelTrackerConfig& configuration)
-    : config(configuration), matching(arena, config), rotation(arena, config.camera), views(arena, kViews) {
+    : config(configuration),
+      matching(arena, config),
+      object_search(arena, config.camera, matching.parts()),
+      rotation(arena, config.camera),
+      views(arena, kViews) {
   const int width = config.camera.model.width, height = config.camera.model.height;
   const auto image = [&](int level) {
     GreyImage made;
@@ -203,11 +213,17 @@ void ModelTracker::Impl::begin_at(const SE3& T) {
   weak_frames = 0;
 }
 
-Hypothesis ModelTracker::Impl::start_anew() {
+void ModelTracker::Impl::forget() {
   matching.forget();
   views_used = next_view = 0;
   usual_quality = recent_quality = typical_quality = kUsual;
   turn_error_sq = shift_error_sq = 0;
+  lost_frames = 0;
+  state = ModelState::kLost;
+}
+
+Hypothesis ModelTracker::Impl::start_anew() {
+  forget();
   matching.set_prior({T_start});
   Hypothesis found;
   // A blurred image shows its edges in coarser levels only.
@@ -219,9 +235,21 @@ Hypothesis ModelTracker::Impl::start_anew() {
     found = search.best(as_told);
   }
   found.fit.ok = found.fit.ok && found.quality >= kStartQuality;
+  if (!found.fit.ok) matching.set_finest(0);
   T_good = T_carried = T_start;
-  state = ModelState::kLost;
-  lost_frames = 0;
+  if (found.fit.ok) begin_at(found.T_co);
+  return found;
+}
+
+Hypothesis ModelTracker::Impl::start_anywhere() {
+  forget();
+  PoseSearch search(matching);
+  for (const SE3& T : matching.propose(object_search)) {
+    matching.set_prior({T});
+    search.add(T);
+  }
+  Hypothesis found = search.best({});
+  found.fit.ok = found.fit.ok && found.quality >= kFoundQuality;
   if (found.fit.ok) begin_at(found.T_co);
   return found;
 }
@@ -250,7 +278,7 @@ Hypothesis ModelTracker::Impl::track_on(float dt_s) {
 Hypothesis ModelTracker::Impl::follow() {
   const int level = std::min(matching.finest() + 1, matching.coarsest());
   SE3 T_predicted = motion.expected_motion() * motion.T_cw();
-  matching.set_velocity(motion.prior(T_predicted).mean);
+  matching.set_velocity(motion.expected_motion().log() / motion.dt_s());
   matching.set_prior(prior_near(T_predicted));
   Hypothesis best = matching.refine(T_predicted, level, kNearRange);
   if (best.quality > doubted()) {
@@ -278,6 +306,13 @@ Hypothesis ModelTracker::Impl::follow() {
   matching.set_prior({T_predicted});
   for (const SE3& start : starts)
     if (best.quality <= doubted()) wide = attempt(start, matching.coarsest(), kFirstRange) || wide;
+  // What drifts along what hides the object is far from the last pose that was surely right, and looks worse than
+  // there.
+  if (best.quality <= doubted()) {
+    matching.set_prior({T_good});
+    wide = attempt(T_good, matching.coarsest(), kFirstRange) || wide;
+    matching.set_prior({T_predicted});
+  }
   if (!best.fit.ok) return best;
   if (!wide) matching.set_prior(prior_near(T_predicted));
   matching.refit(&best);
@@ -298,7 +333,7 @@ Hypothesis ModelTracker::Impl::restart() {
   search.add(T_nearest);
   for (int i = lost_frames % kTurnShares; i < kTurns; i += kTurnShares)
     search.add_turned(lost_frames % 2 == 0 ? T_carried : T_nearest, i);
-  ++lost_frames;
+  lost_frames = (lost_frames + 1) % (2 * kTurnShares);
   Hypothesis found = search.best({});
   if (found.fit.ok) matching.refit(&found);
   found.fit.ok = found.fit.ok && found.quality >= kBelieved * typical_quality;
@@ -371,8 +406,8 @@ ModelResult ModelTracker::Impl::track(const Frame& frame) {
   Hypothesis found;
   const ModelState before = state;
   if (starting) {
-    starting = false;
-    found = start_anew();
+    found = anywhere ? start_anywhere() : start_anew();
+    starting = anywhere && !found.fit.ok;
     if (found.fit.ok) matching.refit(&found);
     result.restarted = state == ModelState::kTracking;
   } else if (state == ModelState::kTracking) {
@@ -388,8 +423,10 @@ ModelResult ModelTracker::Impl::track(const Frame& frame) {
 
 size_t ModelTracker::required_bytes(const ModelTrackerConfig& config) {
   if (!config.validate().ok()) return 0;
+  ModelTrackerConfig prepared = config;
+  prepared.camera.model.prepare();
   Arena arena;
-  arena.create<Impl>(config);
+  arena.create<Impl>(prepared);
   arena.allocate(sizeof(ModelTracker));
   return arena.used();
 }
@@ -397,6 +434,8 @@ size_t ModelTracker::required_bytes(const ModelTrackerConfig& config) {
 Status ModelTracker::create(const ModelTrackerConfig& config, std::span<std::byte> memory, ModelTracker** tracker) {
   const Status status = config.validate();
   if (!status.ok()) return status;
+  if (reinterpret_cast<uintptr_t>(memory.data()) % Arena::kAlignment != 0)
+    return bad_call("ModelTracker::create: memory must be aligned as by malloc (alignof(std::max_align_t))");
   if (memory.size() < required_bytes(config))
     return {StatusCode::kOutOfMemory, "the block is smaller than ModelTracker::required_bytes(config)"};
   ModelTrackerConfig prepared = config;
@@ -416,7 +455,12 @@ Status ModelTracker::start(const SE3& T_co) {
     return bad_call("start: the object's middle is not in front of the camera: T_co takes object to camera");
   impl_->T_start = {orthonormalised(T_co.R), T_co.t};
   impl_->starting = true;
+  impl_->anywhere = false;
   return {};
+}
+
+void ModelTracker::start_anywhere() {
+  impl_->starting = impl_->anywhere = true;
 }
 
 Status ModelTracker::start(std::span<const Vector3f> points_o, std::span<const Vector2f> px) {

@@ -1,6 +1,7 @@
 #include "edges/model_view.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 
 #include "base/deterministic_math.h"
@@ -86,10 +87,10 @@ ModelParts::ModelParts(Arena& arena, const ObjectModel& model)
   for (const ModelSphere& sphere : model.spheres) include(sphere.centre, sphere.radius);
   middle_ = 0.5f * (low + high);
   extent_ = 0.5f * std::sqrt((high - low).squaredNorm());
-  if (!model.outlines_of_smooth) return;
   for (ModelSide& side : sides_) {
     if (side.faces != 2) continue;
-    side.smooth = normals_[side.face[0]].dot(normals_[side.face[1]]) > kSmoothCosine;
+    const bool shallow = normals_[side.face[0]].dot(normals_[side.face[1]]) > kSmoothCosine;
+    side.smooth = side.face[0] == side.face[1] || (model.outlines_of_smooth && shallow);
   }
 }
 
@@ -174,6 +175,7 @@ void ModelView::set_pose(const SE3& T_co) {
   image_.clear();
   visible_.clear();
   occluders_.clear();
+  facing_px_ = inside_px_ = 0;
   for (const Vector3f& p_o : parts_.model().points) {
     const Vector3f p = T_co * p_o;
     points_.push_back(p);
@@ -199,10 +201,10 @@ void ModelView::set_pose(const SE3& T_co) {
     const Vector3f centre = T_co * circle.centre, normal = T_co.R * circle.normal;
     const float facing = -normal.dot(centre);
     const float least = kGrazing * std::sqrt(normal.squaredNorm() * centre.squaredNorm());
-    if (facing > least || (circle.both_sides && -facing > least)) add_visible(contour, 0);
+    if (facing > least || (circle.both_sides && -facing > least)) add_visible(contour, circle.min_area_px2);
     ++contour;
   }
-  for (size_t i = 0; i < model.spheres.size(); ++i) add_visible(contour++, 0);
+  for (const ModelSphere& sphere : model.spheres) add_visible(contour++, sphere.min_area_px2);
 }
 
 void ModelView::place_faces() {
@@ -328,49 +330,83 @@ bool ModelView::place(int contour, const SE3& T_co, PlacedContour* placed) const
   return true;
 }
 
-void ModelView::add_visible(int contour, float min_length_px) {
+// Liang and Barsky's way. False: no part of the segment from p to q lies within the image; else it is that between
+// *from and *to, 0 to 1.
+bool ModelView::clip(const Vector2f& p, const Vector2f& q, float* from, float* to) const {
+  const Vector2f d = q - p;
+  const float into[4] = {-d.x(), d.x(), -d.y(), d.y()};
+  const float room[4] = {p.x() - x0_, x1_ - p.x(), p.y() - y0_, y1_ - p.y()};
+  *from = 0;
+  *to = 1;
+  for (int i = 0; i < 4; ++i) {
+    if (into[i] == 0) {
+      if (room[i] < 0) return false;
+      continue;
+    }
+    const float t = room[i] / into[i];
+    if (into[i] < 0) *from = std::max(*from, t);
+    if (into[i] > 0) *to = std::min(*to, t);
+  }
+  return *from < *to;
+}
+
+// least: pixels of a straight contour's length, squared ones of a closed one's area.
+void ModelView::add_visible(int contour, float least) {
   Visible visible;
   visible.contour = contour;
   PlacedContour& placed = visible.placed;
   if (!place(contour, T_co_, &placed)) return;
-  visible.from = 0;
-  visible.to = 1;
-  visible.width_px = INFINITY;
   if (!placed.straight) {
-    EllipseContour ellipse;
-    if (!ellipse.set(placed.a, placed.b, placed.radius)) return;
-    const float sum = ellipse.mu20 + ellipse.mu02;
-    const float difference =
-        std::sqrt((ellipse.mu20 - ellipse.mu02) * (ellipse.mu20 - ellipse.mu02) + 4 * ellipse.mu11 * ellipse.mu11);
-    visible.width_px = 2 * focal_ * std::sqrt(std::max(0.5f * (sum - difference), 0.0f));
-    constexpr float kTurn = 6.2831853f;
-    visible.length_px = kTurn * focal_ * std::sqrt(0.5f * sum);
-    visible_.push_back(visible);
+    add_closed(&visible, least);
     return;
   }
-  // Clipped at a plane before the camera, then at the image, Liang and Barsky's way.
-  const float near = 0.01f * parts_.extent();
+  visible.width_px = INFINITY;
+  const float near = 0.01f * parts_.extent();  // what is nearer to the camera's plane is cut off
   Vector3f &a = placed.a, &b = placed.b;
   if (a.z() < near && b.z() < near) return;
   if (a.z() < near) a = (a + (b - a) * ((near - a.z()) / (b.z() - a.z()))).eval();
   if (b.z() < near) b = (b + (a - b) * ((near - b.z()) / (a.z() - b.z()))).eval();
-  const Vector2f p = a.head<2>() / a.z(), q = b.head<2>() / b.z(), d = q - p;
-  const float into[4] = {-d.x(), d.x(), -d.y(), d.y()};
-  const float room[4] = {p.x() - x0_, x1_ - p.x(), p.y() - y0_, y1_ - p.y()};
-  for (int i = 0; i < 4; ++i) {
-    if (into[i] == 0) {
-      if (room[i] < 0) return;
-      continue;
-    }
-    const float t = room[i] / into[i];
-    if (into[i] < 0) visible.from = std::max(visible.from, t);
-    if (into[i] > 0) visible.to = std::min(visible.to, t);
-  }
-  if (!(visible.from < visible.to)) return;
-  const float whole_px = focal_ * std::sqrt(d.squaredNorm());
+  const Vector2f p = a.head<2>() / a.z(), q = b.head<2>() / b.z();
+  const float whole_px = focal_ * std::sqrt((q - p).squaredNorm());
+  if (!(whole_px >= least)) return;
+  facing_px_ += whole_px;
+  if (!clip(p, q, &visible.from, &visible.to)) return;
   visible.length_px = whole_px * (visible.to - visible.from);
-  if (!(whole_px >= min_length_px)) return;
+  inside_px_ += visible.length_px;
   visible_.push_back(visible);
+}
+
+void ModelView::add_closed(Visible* visible, float min_area_px2) {
+  constexpr float kHalfTurn = 3.1415927f;
+  const PlacedContour& placed = visible->placed;
+  EllipseContour ellipse;
+  if (!ellipse.set(placed.a, placed.b, placed.radius)) return;
+  const float sum = ellipse.mu20 + ellipse.mu02;
+  const float det = ellipse.mu20 * ellipse.mu02 - ellipse.mu11 * ellipse.mu11;
+  if (!(kHalfTurn * focal_ * focal_ * std::sqrt(det) >= min_area_px2)) return;
+  const float difference =
+      std::sqrt((ellipse.mu20 - ellipse.mu02) * (ellipse.mu20 - ellipse.mu02) + 4 * ellipse.mu11 * ellipse.mu11);
+  visible->width_px = 2 * focal_ * std::sqrt(std::max(0.5f * (sum - difference), 0.0f));
+  const float whole_px = 2 * kHalfTurn * focal_ * std::sqrt(0.5f * sum);
+  const float half_width = std::sqrt(ellipse.mu20), half_height = std::sqrt(ellipse.mu02);
+  visible->buckets = ~uint64_t{0};
+  if (ellipse.xg - half_width < x0_ || ellipse.xg + half_width > x1_ || ellipse.yg - half_height < y0_ ||
+      ellipse.yg + half_height > y1_) {
+    visible->buckets = 0;
+    Vector2f before;
+    for (int i = 0; i <= kSiteBuckets; ++i) {
+      const float angle = 2 * kHalfTurn * static_cast<float>(i) / kSiteBuckets;
+      const Vector3f at = placed.a + placed.radius * (placed.u * det_cos(angle) + placed.v * det_sin(angle));
+      const Vector2f ray = at.head<2>() / at.z();
+      float from, to;
+      if (i > 0 && clip(before, ray, &from, &to)) visible->buckets |= uint64_t{1} << (i - 1);
+      before = ray;
+    }
+  }
+  visible->length_px = whole_px * static_cast<float>(std::popcount(visible->buckets)) / kSiteBuckets;
+  facing_px_ += whole_px;
+  inside_px_ += visible->length_px;
+  if (visible->buckets != 0) visible_.push_back(*visible);
 }
 
 bool ModelView::inside(const Occluder& occluder, float x, float y) const {
@@ -430,39 +466,67 @@ void ModelView::add_site(const Visible& visible, const Vector3f& p_c, const Vect
   sites->push_back(site);
 }
 
-void ModelView::make_sites(int level, float spacing, const Vector6f& velocity, FixedVector<ContourSite>* sites) const {
+void ModelView::add_straight_sites(const Visible& visible, int count, const Vector6f& velocity, int level,
+                                   FixedVector<ContourSite>* sites) const {
+  // Evenly in the image: x/z, y/z and 1/z are linear there.
+  const PlacedContour& placed = visible.placed;
+  const float iz_a = 1 / placed.a.z(), iz_b = 1 / placed.b.z(), step = 1 / static_cast<float>(count);
+  const Vector2f p = placed.a.head<2>() * iz_a, q = placed.b.head<2>() * iz_b;
+  const Vector3f tangent = placed.b - placed.a;
+  for (int i = 0; i < count; ++i) {
+    const float t = visible.from + (visible.to - visible.from) * (static_cast<float>(i) + 0.5f) * step;
+    const float z = 1 / (iz_a + (iz_b - iz_a) * t);
+    const Vector2f ray = p + (q - p) * t;
+    add_site(visible, Vector3f(ray.x() * z, ray.y() * z, z), tangent, t * iz_b * z, velocity, level, sites);
+  }
+}
+
+// On the parts first to end - 1 of a closed contour.
+void ModelView::add_arc_sites(const Visible& visible, int first, int end, int count, const Vector6f& velocity,
+                              int level, FixedVector<ContourSite>* sites) const {
+  constexpr float kTurn = 6.2831853f;
+  const PlacedContour& placed = visible.placed;
+  const float step = static_cast<float>(end - first) / static_cast<float>(count);
+  for (int i = 0; i < count; ++i) {
+    const float along = (static_cast<float>(first) + (static_cast<float>(i) + 0.5f) * step) / kSiteBuckets;
+    const float c = det_cos(kTurn * along), s = det_sin(kTurn * along);
+    const Vector3f tangent = placed.v * c - placed.u * s;
+    add_site(visible, placed.a + placed.radius * (placed.u * c + placed.v * s), tangent, along, velocity, level, sites);
+  }
+}
+
+// Sites are counted along all contours as if they were one, at most capacity of them, so that where they are few no
+// contour is left out for the sake of those before it.
+float ModelView::make_sites(int level, float spacing, const Vector6f& velocity, FixedVector<ContourSite>* sites) const {
   sites->clear();
   const float unit = static_cast<float>(1 << level);
+  const auto sought = [&](const Visible& visible) {
+    return visible.length_px >= kShortest_px * unit && visible.width_px >= kNarrowest_px * unit;
+  };
   float total = 0;
-  for (const Visible& visible : visible_) total += visible.length_px / unit;
-  spacing = std::max(spacing, total / static_cast<float>(std::max(sites->capacity() - visible_.size(), 1)));
+  for (const Visible& visible : visible_) total += sought(visible) ? visible.length_px / unit : 0;
+  spacing = std::max(spacing, total / static_cast<float>(std::max(sites->capacity(), 1)));
+  float passed = 0.5f;  // spacings
+  const auto sites_on = [&](float length_px) {
+    const int before = static_cast<int>(passed);
+    passed += length_px / (unit * spacing);
+    return static_cast<int>(passed) - before;
+  };
   for (const Visible& visible : visible_) {
-    if (visible.length_px < kShortest_px * unit || visible.width_px < kNarrowest_px * unit) continue;
-    const PlacedContour& placed = visible.placed;
-    const int count = std::max(1, static_cast<int>(visible.length_px / (unit * spacing)));
-    const float step = 1 / static_cast<float>(count);
-    if (!placed.straight) {
-      constexpr float kTurn = 6.2831853f;
-      for (int i = 0; i < count; ++i) {
-        const float along = (static_cast<float>(i) + 0.5f) * step;
-        const float c = det_cos(kTurn * along), s = det_sin(kTurn * along);
-        const Vector3f tangent = placed.v * c - placed.u * s;
-        add_site(visible, placed.a + placed.radius * (placed.u * c + placed.v * s), tangent, along, velocity, level,
-                 sites);
-      }
+    if (!sought(visible)) continue;
+    if (visible.placed.straight) {
+      add_straight_sites(visible, sites_on(visible.length_px), velocity, level, sites);
       continue;
     }
-    // Evenly in the image: x/z, y/z and 1/z are linear there.
-    const float iz_a = 1 / placed.a.z(), iz_b = 1 / placed.b.z();
-    const Vector2f p = placed.a.head<2>() * iz_a, q = placed.b.head<2>() * iz_b;
-    const Vector3f tangent = placed.b - placed.a;
-    for (int i = 0; i < count; ++i) {
-      const float t = visible.from + (visible.to - visible.from) * (static_cast<float>(i) + 0.5f) * step;
-      const float z = 1 / (iz_a + (iz_b - iz_a) * t);
-      const Vector2f ray = p + (q - p) * t;
-      add_site(visible, Vector3f(ray.x() * z, ray.y() * z, z), tangent, t * iz_b * z, velocity, level, sites);
+    const float part_px = visible.length_px / static_cast<float>(std::popcount(visible.buckets));
+    for (int end, first = 0; first < kSiteBuckets; first = end + 1) {
+      for (end = first; end < kSiteBuckets && (visible.buckets >> end & 1) != 0;) ++end;
+      if (end == first) continue;
+      const int count = sites_on(part_px * static_cast<float>(end - first));
+      add_arc_sites(visible, first, end, count, velocity, level, sites);
     }
   }
+  return spacing;
 }
 
 }  // namespace pptam

@@ -8,6 +8,7 @@
 // bounding box in the image holds the site.
 #pragma once
 
+#include <algorithm>
 #include <array>
 
 #include <pocket_ptam/camera.h>
@@ -24,7 +25,8 @@ struct ModelSide {
   int a = 0, b = 0;        // points
   int face[2] = {-1, -1};  // the first two that have it; -1: none
   int faces = 0;           // how many have it
-  bool smooth = false;     // two faces meet in it at a small angle: only seen as an outline
+  // Two faces meet in it at a small angle: only seen as an outline. Or a face has it twice, as a bridge to a hole.
+  bool smooth = false;
   float min_length_px = 0;
 };
 
@@ -79,10 +81,13 @@ class ModelView {
   // Finds the visible contours at T_co.
   void set_pose(const SE3& T_co);
   const SE3& T_co() const { return T_co_; }
-  // Fills sites of `level` along the visible contours, about spacing level pixels apart, at most sites->capacity() of
-  // them, those of a contour one after the other. Left out: what is hidden, outside the image, and at coarse levels
-  // contours too small to be seen there. velocity: of T_co, for the rolling shutter.
-  void make_sites(int level, float spacing, const Vector6f& velocity, FixedVector<ContourSite>* sites) const;
+  // Of the contours that face the camera, how much of their length lies within the image: 0 to 1.
+  float share_in_image() const { return facing_px_ > 0 ? std::min(inside_px_ / facing_px_, 1.0f) : 0; }
+  // Fills sites of `level` along the visible contours, about spacing level pixels apart, farther where else there would
+  // be more than sites->capacity() of them; those of a contour one after the other. Left out: what is hidden, outside
+  // the image, and at coarse levels contours too small to be seen there. velocity: of T_co, for the rolling shutter.
+  // Returns their spacing, level pixels.
+  float make_sites(int level, float spacing, const Vector6f& velocity, FixedVector<ContourSite>* sites) const;
 
   // The contour at a pose, whether visible or not. False: it cannot be seen there (inside a cylinder, ...).
   bool place(int contour, const SE3& T_co, PlacedContour* placed) const;
@@ -91,9 +96,10 @@ class ModelView {
   struct Visible {
     int contour;
     PlacedContour placed;
-    float from, to;   // part of a segment within the image, in normalised image coordinates along it, 0 to 1
-    float length_px;  // of that part, level 0
-    float width_px;   // smallest extent of a closed contour, level 0
+    float from, to;    // part of a segment within the image, in normalised image coordinates along it, 0 to 1
+    uint64_t buckets;  // of a closed contour: bit i, whether part i of kSiteBuckets reaches into the image
+    float length_px;   // of what is within the image, level 0
+    float width_px;    // smallest extent of a closed contour, level 0
   };
   struct Occluder {
     int face = -1;  // or a quadrangle or a disc of its own
@@ -108,7 +114,13 @@ class ModelView {
   void place_faces();
   void add_face_occluder(int face);
   void add_solid_occluders();
-  void add_visible(int contour, float min_length_px);
+  void add_visible(int contour, float least);
+  void add_closed(Visible* visible, float min_area_px2);
+  bool clip(const Vector2f& p, const Vector2f& q, float* from, float* to) const;
+  void add_straight_sites(const Visible& visible, int count, const Vector6f& velocity, int level,
+                          FixedVector<ContourSite>* sites) const;
+  void add_arc_sites(const Visible& visible, int first, int end, int count, const Vector6f& velocity, int level,
+                     FixedVector<ContourSite>* sites) const;
   bool hidden(float x, float y, float inverse_depth) const;
   bool inside(const Occluder& occluder, float x, float y) const;
   void add_site(const Visible& visible, const Vector3f& p_c, const Vector3f& tangent, float along,
@@ -123,6 +135,7 @@ class ModelView {
   FixedVector<Vector2f> image_;   // normalised; of points before the camera
   FixedVector<uint8_t> facing_;   // faces turned to the camera
   FixedVector<Visible> visible_;
+  float facing_px_ = 0, inside_px_ = 0;  // length of contours that face the camera, and of it within the image
   FixedVector<Occluder> occluders_;
 };
 

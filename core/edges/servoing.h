@@ -5,8 +5,9 @@
 //
 // d: distances of the found points from their contours, L their interaction matrices, both of this iteration; D = diag
 // (Tukey's weight times the site's likelihood, eq. 24), on both sides, so that weights count squared. Tukey's scale is
-// the MAD of each iteration. Of several edges that a site has found, each iteration takes the one that is likely and
-// near.
+// 1.48 times the median magnitude in each iteration: the MAD about zero, since distances that are all off to one side
+// are what the step shall mend, not their centre. Of several edges that a site has found, each iteration takes the one
+// that is likely and near.
 #pragma once
 
 #include <array>
@@ -23,6 +24,7 @@ namespace pptam {
 struct EdgeMeasurement {
   uint16_t contour = 0;
   uint16_t site = 0;       // index of its site
+  uint16_t placed = 0;     // of its contour among those placed
   uint8_t candidates = 0;  // at least 1
   uint8_t chosen = 0;      // of these, in the last iteration
   std::array<Vector2f, kMaxCandidates>
@@ -34,13 +36,13 @@ struct EdgeMeasurement {
 };
 
 struct ServoingOptions {
-  int iterations = 8;
-  float range_px = 8;           // of the search, level-0 pixels
-  float sigma_floor_px = 0.3f;  // least scale of the robust weights, level-0 pixels
+  int iterations = 0;
+  float range_px = 0;        // of the search, level-0 pixels
+  float sigma_floor_px = 0;  // least scale of the robust weights, level-0 pixels
   // A prior that holds what edges do not tell: 1-sigma of a turn about the object's middle, radians, and of a shift of
   // the middle, in its distances, about T_prior.
   SE3 T_prior;
-  float prior_turn = 0.5f, prior_shift = 0.5f;
+  float prior_turn = 0, prior_shift = 0;
 };
 
 struct ServoingResult {
@@ -53,7 +55,7 @@ struct ServoingResult {
 
 class Servoing {
  public:
-  Servoing(Arena& arena, const ModelView& view, const ModelParts& parts, const Camera& camera, int max_sites);
+  Servoing(Arena& arena, const ModelView& view, const ModelParts& parts, const ModelTrackerConfig& config);
 
   // From T_start.
   ServoingResult run(const SE3& T_start, const ServoingOptions& options, FixedVector<EdgeMeasurement>* measurements);
@@ -74,14 +76,18 @@ class Servoing {
   FitStep step(int iteration);
 
   void place(int contour);
-  void add_prior();
+  void interaction(int measurement, float (&L)[6]);
+  bool solve(Vector6f* x);
+  void to_noise();
   void finish(const Matrix6f& to_mu);
 
   const ModelView& view_;
   const ModelParts& parts_;
+  const ModelMethod method_;
   float focal_;                 // level-0 pixels, mean
   FixedVector<Placed> placed_;  // contours at the present pose, in the order in which the measurements name them
   FixedVector<float> squared_;
+  FixedVector<std::array<float, 6>> first_rows_;  // of a constant Jacobian: the first iteration's, by measurement
   NormalEquations<6> equations_;  // of the shift of the object's middle, in its distances, and the turn about it
 
   // State of the run.
@@ -90,6 +96,7 @@ class Servoing {
   FixedVector<EdgeMeasurement>* measurements_ = nullptr;
   ServoingResult result_;
   SE3 T_;
+  int iteration_ = 0;
   bool last_ = false;                   // this iteration only weights
   int seen_ = 0;                        // measurements that have a distance
   float sigma_px_ = 0;                  // robust scale without its floor

@@ -51,12 +51,14 @@ struct ModelCircle {
   Vector3f normal = Vector3f::UnitZ();  // of any length
   float radius = 0;
   bool both_sides = false;
+  float min_area_px2 = 0;  // left out where it is smaller in the image
 };
 
 // Hides what is behind it.
 struct ModelSphere {
   Vector3f centre = Vector3f::Zero();
   float radius = 0;
+  float min_area_px2 = 0;  // left out where it is smaller in the image
 };
 
 // A view of arrays that the caller owns.
@@ -80,13 +82,24 @@ struct ObjectModel {
   Status validate() const;
 };
 
+// What of [vvs] can be done otherwise, to be compared (pocket-ptam sim --study model). As it stands is best.
+struct ModelMethod {
+  bool no_weights = false;         // D = I in eq. 7: the strongest edges, whatever a site has shown, count all alike
+  float likelihood_threshold = 0;  // over 0: edges that are at least so likely count alike, instead of by eq. 24
+  bool scale_once = false;         // the robust scale is that of the first iteration, instead of each one's
+  bool constant_jacobian = false;  // eq. 10 and 11: that of the first iteration without weights
+};
+
+// Where between two pixels an edge lies is found in squared grey values, as those of a camera are: light by a gamma of
+// about 2. In images whose grey is the light itself edges lie a tenth of a pixel or two towards their bright side.
 struct ModelTrackerConfig {
-  Camera camera;  // create() calls camera.model.prepare()
+  Camera camera;  // required_bytes() and create() call prepare() on copies of camera.model
   ObjectModel model;
   // Sites along the contours, in each pyramid level: their distance, pixels of the level, at least 1; where more than
   // max_sites (50 to 5000) are visible the distance is as much larger.
   float site_spacing_px = 4;
   int max_sites = 800;
+  ModelMethod method;
   Status validate() const;
 };
 
@@ -104,8 +117,8 @@ enum class SiteKind : uint8_t {
 
 // A place on a visible contour.
 struct ModelSite {
-  Vector2f px = Vector2f::Zero();        // the edge found, level-0 pixels; kRejectedLocally: model_px
-  Vector2f model_px = Vector2f::Zero();  // on the model's contour, at T_co
+  Vector2f px = Vector2f::Zero();        // the edge found, level-0 pixels of the frame; kRejectedLocally: model_px
+  Vector2f model_px = Vector2f::Zero();  // on the model's contour at T_co, where the frame has it (rolling shutter)
   uint16_t contour = 0;                  // sites of the same contour follow each other along it
   SiteKind kind = SiteKind::kRejectedLocally;
 };
@@ -120,7 +133,9 @@ struct ModelResult {
   bool pose_valid = false;  // true only in state kTracking
   bool restarted = false;   // the pose was found anew in this frame
   SE3 T_co;
-  Matrix6f covariance = Matrix6f::Zero();       // of mu in T_co <- exp(mu) T_co, model units and radians
+  // Of mu in T_co <- exp(mu) T_co, model units and radians, by this frame's edges alone. What they do not tell has a
+  // sigma of half a radian, or half the distance, or as much as float32 resolves beside the rest.
+  Matrix6f covariance = Matrix6f::Zero();
   float quality = 0;                            // share of the visible contours that look as they should, 0 to 1
   float error_px = 0;                           // rms distance of inliers from their contours, level-0 pixels
   float feature_error_px[kModelFeatures] = {};  // the same by ModelFeature
@@ -148,6 +163,10 @@ class ModelTracker {
   // The same from four or more points of the object (model units) and where they are seen (level-0 pixels): no three of
   // them in a line. Refused when no pose shows them there within 20 px each.
   Status start(std::span<const Vector3f> points_o, std::span<const Vector2f> px);
+  // The object is wholly in view in one of the next frames, larger than a quarter of the image's shorter side; nothing
+  // else is known of it. Each frame is searched until one shows it, as states kLost, at a cost of hundreds of millions
+  // of instructions. Its edges must stand out from what is behind it, and of views that are alike any may be taken.
+  void start_anywhere();
   void reset();  // waits for start()
 
   // Tracks one frame to completion. Refuses (result.status) incomplete frames, another size than the camera's, and

@@ -35,7 +35,7 @@ const std::vector<std::string> kModelOutputs = {"trajectory.txt", "frames.csv", 
 constexpr const char* kFeatureNames[kModelFeatures] = {"lines", "cylinders", "circles", "spheres"};
 
 struct ModelChoice {
-  std::string model, camera, size, readout, initial_pose, initial_points, out;
+  std::string model, camera, readout, initial_pose, initial_points, out;
   RecordingInput input;
   double duration_s = 0;
   bool no_overlay = false;
@@ -44,7 +44,7 @@ struct ModelChoice {
 // What came of the frames.
 struct ModelLog {
   Trajectory trajectory;  // camera in the object's frame
-  std::string csv = "timestamp,state,quality,sites,inliers,error_px\n";
+  std::string csv = "timestamp,state,pose,quality,sites,inliers,error_px\n";
   int frames = 0, tracked = 0, lost = 0, restarts = 0;
   double squared_px[kModelFeatures] = {};
   int64_t inliers[kModelFeatures] = {};
@@ -52,12 +52,15 @@ struct ModelLog {
   std::string broken;
 };
 
+const char* model_state_name(ModelState state) {
+  return state == ModelState::kTracking ? "tracking" : state == ModelState::kLost ? "lost" : "waiting";
+}
+
 void add_result(const ModelResult& result, ModelLog* log) {
   ++log->frames;
-  const char* state = result.pose_valid ? "tracking" : result.state == ModelState::kLost ? "lost" : "waiting";
-  log->csv += format("%.6f,%s,%.3f,%d,%d,%.3f\n", 1e-9 * static_cast<double>(result.timestamp_ns), state,
-                     static_cast<double>(result.quality), result.sites_visible, result.sites_inliers,
-                     static_cast<double>(result.error_px));
+  log->csv += format("%.6f,%s,%d,%.3f,%d,%d,%.3f\n", 1e-9 * static_cast<double>(result.timestamp_ns),
+                     model_state_name(result.state), result.pose_valid ? 1 : 0, static_cast<double>(result.quality),
+                     result.sites_visible, result.sites_inliers, static_cast<double>(result.error_px));
   log->restarts += result.restarted ? 1 : 0;
   log->lost += result.state == ModelState::kLost ? 1 : 0;
   if (!result.pose_valid) return;
@@ -123,7 +126,18 @@ class ModelRun {
     model_ = read_model(chosen_.model);
     view_ = model_.view();
     for (const std::filesystem::path& file : model_.files) knowledge_.inputs.add("the model's file", file);
+    const Status status = view_.validate();
+    if (!status.ok()) throw InputError(chosen_.model + ": " + status.message());
     camera_ = open_camera();
+    stop_on_signals();
+    camera_->start();
+    begun_ns_ = clock_.now_ns();
+    // A device may tell its readout with the first frame.
+    Frame frame;
+    if (!next_frame(&frame)) {
+      if (interrupted()) throw InputError(camera_->info().name + ": " + interruption() + " before the first frame");
+      throw InputError(camera_->info().name + ": no frame came" + (trouble_.empty() ? "" : ": " + trouble_));
+    }
     create_tracker();
     start();
     const std::string name = std::filesystem::path(chosen_.model).stem().string() + " in " + camera_->info().name;
@@ -135,7 +149,7 @@ class ModelRun {
     }
     OutputFolder folder(place, "--out", kModelOutputs, knowledge_.inputs);
     folder.prepare();
-    track_all(folder);
+    track_all(folder, frame);
     return write(place, &folder);
   }
 
@@ -173,13 +187,13 @@ class ModelRun {
     config.camera.shutter = camera_->info().shutter;
     config.model = view_;
     const Status status = config.validate();
-    if (!status.ok()) throw InputError(chosen_.model + ": " + status.message());
+    if (!status.ok()) throw InputError(camera_->info().name + ": " + status.message());
     memory_.resize(ModelTracker::required_bytes(config) / sizeof(std::max_align_t) + 1);
     const Status created = ModelTracker::create(config, std::as_writable_bytes(std::span(memory_)), &tracker_);
     if (!created.ok()) throw InputError(chosen_.model + ": " + created.message());
   }
 
-  // A model is often accompanied by the pose of a first view: box.cao by box.pos or box.0.pos.
+  // A model is often accompanied by the pose of a first view: box.cao by box.pos or box.0.pos. Empty: it is not.
   std::string pose_file() const {
     if (!chosen_.initial_pose.empty()) return chosen_.initial_pose;
     for (const char* extension : {".pos", ".0.pos"}) {
@@ -188,9 +202,7 @@ class ModelRun {
       std::error_code ignored;
       if (std::filesystem::is_regular_file(beside, ignored)) return beside.string();
     }
-    throw InputError(chosen_.model +
-                     ": where is the object in the first frame? Give --initial-pose or --initial-points, " +
-                     "or lay a .pos file of the same name beside the model");
+    return "";
   }
 
   void start() {
@@ -202,35 +214,71 @@ class ModelRun {
       return;
     }
     const std::string file = pose_file();
+    if (file.empty()) {
+      warnings_.push_back(
+          chosen_.model +
+          ": the object was sought in the whole image. To say where it is at first, give --initial-pose "
+          "or --initial-points, or lay a .pos file of the same name beside the model");
+      tracker_->start_anywhere();
+      return;
+    }
     knowledge_.inputs.add("the first pose", file);
     const Status status = tracker_->start(read_object_pose(file));
     if (!status.ok()) throw InputError("--initial-pose " + file + ": " + status.message());
   }
 
-  void track_all(const OutputFolder& folder) {
-    stop_on_signals();
+  // False at the end, when the time is over, and at a signal. A device that was pulled out is waited for, but has no
+  // times: its frames' no longer tell how long the run has been.
+  bool next_frame(Frame* frame) {
+    constexpr int64_t kLook_ns = 50'000'000;            // between two looks at signals and the clock
+    constexpr int64_t kFirstFrame_ns = 10'000'000'000;  // for a device that takes its time
+    const bool device = !chosen_.camera.empty();
+    for (;;) {
+      if (interrupted()) return false;
+      const double waited_s = 1e-9 * static_cast<double>(clock_.now_ns() - begun_ns_);
+      if (device && log_.frames == 0 && waited_s > 1e-9 * static_cast<double>(kFirstFrame_ns)) return false;
+      if (gone_ && chosen_.duration_s > 0 && waited_s >= chosen_.duration_s) return false;
+      switch (camera_->wait(frame, device ? clock_.now_ns() + kLook_ns : platform::Camera::kForEver)) {
+        case CameraEvent::kFrame:
+          return true;
+        case CameraEvent::kEnd:
+          return false;
+        case CameraEvent::kUnplugged:
+          gone_ = true;
+          trouble_ = camera_->status().trouble;
+          print_warning(trouble_ + "; waiting for it to come back");
+          break;
+        case CameraEvent::kReplugged:
+          gone_ = false;
+          print_warning(camera_->info().name + ": is back");
+          break;
+        case CameraEvent::kTimeout:
+          break;
+      }
+    }
+  }
+
+  void track_all(const OutputFolder& folder, Frame frame) {
     if (!chosen_.no_overlay) {
       draft_ = std::make_unique<Draft>(folder.path(kModelVideo));
       overlay_ = std::make_unique<ModelOverlay>(camera_->info(), view_, draft_->path(), &warnings_);
     }
     Progress progress;
     try {
-      camera_->start();
-      Frame frame;
-      int64_t first_ns = 0;
-      while (!interrupted() && camera_->read(&frame)) {
+      const int64_t first_ns = frame.timestamp_ns;
+      do {
         const ModelResult result = tracker_->track(frame);
-        if (!result.status.ok()) continue;
-        if (log_.frames == 0) first_ns = frame.timestamp_ns;
-        add_result(result, &log_);
-        if (overlay_) overlay_->add(frame, result);
+        if (result.status.ok()) {
+          add_result(result, &log_);
+          if (overlay_) overlay_->add(frame, result);
+        }
         camera_->give_back();
         const double seconds = 1e-9 * static_cast<double>(frame.timestamp_ns - first_ns);
         progress.show(log_.frames, camera_->info().frame_count.value_or(0),
-                      format("%.1f s  %s, quality %.2f", seconds, result.pose_valid ? "tracking" : "lost",
+                      format("%.1f s  %s, quality %.2f", seconds, model_state_name(result.state),
                              static_cast<double>(result.quality)));
         if (chosen_.duration_s > 0 && seconds >= chosen_.duration_s) break;
-      }
+      } while (next_frame(&frame));
     } catch (const InputError& error) {
       log_.broken = error.what();
     }
@@ -287,6 +335,10 @@ class ModelRun {
   std::unique_ptr<platform::Camera> camera_;
   std::vector<std::max_align_t> memory_;
   ModelTracker* tracker_ = nullptr;
+  SteadyClock clock_;
+  int64_t begun_ns_ = 0;  // by clock_
+  bool gone_ = false;     // the device, for now
+  std::string trouble_;   // why
   std::unique_ptr<Draft> draft_;
   std::unique_ptr<ModelOverlay> overlay_;
   std::vector<std::string> warnings_;
@@ -307,7 +359,7 @@ Command add_model(CLI::App& program, const std::string& command_line) {
   model
       ->add_option("--initial-pose", chosen->initial_pose,
                    "Where the object is in the first frame, roughly: .pos or a 4x4 matrix, object to camera "
-                   "[MODEL's name with .pos or .0.pos]")
+                   "[MODEL's name with .pos or .0.pos; else it is sought in the whole image]")
       ->type_name("FILE");
   model
       ->add_option("--initial-points", chosen->initial_points,

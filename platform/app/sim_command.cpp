@@ -19,9 +19,11 @@
 #include "sim_phone/laboratory/endurance.h"
 #include "sim_phone/laboratory/harsh_study.h"
 #include "sim_phone/laboratory/judgement.h"
+#include "sim_phone/laboratory/model_study.h"
 #include "sim_phone/laboratory/start_study.h"
 #include "sim_phone/laboratory/stretch_study.h"
 #include "sim_phone/laboratory/suite.h"
+#include "sim_phone/model_stories.h"
 #include "sim_phone/motion.h"
 #include "sim_phone/phone_camera.h"
 #include "sim_phone/story.h"
@@ -70,8 +72,9 @@ CLI::Option* add_repeatable(CLI::App* command, const std::string& name, std::vec
 
 CLI::Option* add_sequence_options(CLI::App* sim, SimChoice* chosen) {
   sim::PhoneOptions& phone = chosen->phone;
-  CLI::Option* story =
-      add_repeatable(sim, "--story", &chosen->stories, "One of the stories below; may be repeated with --suite");
+  CLI::Option* story = add_repeatable(sim, "--story", &chosen->stories,
+                                      "One of the stories below; may be repeated with --suite, those of a "
+                                      "known object with --study model");
   add_repeatable(sim, "--scene", &chosen->scenes,
                  one_of(sim::scene_names()) +
                      "; may be repeated with --suite and --study culling, harsh, stretches, camera or doubts [desk]");
@@ -112,9 +115,9 @@ void add_laboratory_options(CLI::App* sim, CLI::Option* story, ChosenStudies* ch
              "--study", chosen->study,
              "init: many short starts of several kinds, as a table and plots; culling: exploring runs with and without "
              "culling of keyframes, as a table; harsh: exploring runs with each cause of --harsh alone, and with all; "
-             "stretches: exploring runs with two seconds of bad pictures in their midst; "
-             "camera: what pocket-ptam readout finds of phones drawn by chance; doubts: whether a run says that "
-             "it was told of a wrong camera")
+             "stretches: exploring runs with two seconds of bad pictures in their midst; model: the stories of a known "
+             "object, tracked in other ways, too; camera: what pocket-ptam readout finds of phones drawn by chance; "
+             "doubts: whether a run says that it was told of a wrong camera")
           ->type_name("NAME")
           ->excludes(suite);
   add_repeatable(sim, "--kind", &chosen->kinds,
@@ -153,6 +156,8 @@ void add_laboratory_options(CLI::App* sim, CLI::Option* story, ChosenStudies* ch
 std::string footer() {
   std::string text = "Stories:\n";
   for (const sim::StoryKind& kind : sim::stories()) text += format("  %-16s %s\n", kind.name, kind.says);
+  text += "Stories of a known object, for the tracker of pocket-ptam model:\n";
+  for (const sim::ModelStory& story : sim::model_stories()) text += format("  %-16s %s\n", story.name, story.says);
   text += "Causes of --harsh:\n";
   for (const sim::Cause& cause : sim::causes())
     text += format("  %-16s %s [%g]\n", cause.name, cause.says, cause.usual);
@@ -172,6 +177,8 @@ std::string footer() {
          "  pocket-ptam sim --study culling --scene desk --scene walls --seeds 50 --jobs 2\n"
          "  pocket-ptam sim --study harsh --seeds 5 --jobs 2\n"
          "  pocket-ptam sim --study stretches --seeds 6 --jobs 2\n"
+         "  pocket-ptam sim --story model-machine --seed 2\n"
+         "  pocket-ptam sim --study model --seeds 3 --jobs 2\n"
          "  pocket-ptam sim --study camera --seeds 10 --jobs 2\n"
          "  pocket-ptam sim --endurance 60 --scene desk --twice";
 }
@@ -196,6 +203,7 @@ class SimCommand {
       throw InputError("--load-map, --save-map and --lock-map belong to a single run");
     if ((many_runs || !chosen_.dump.empty()) && output_.show.where != DisplayChoice::kNowhere)
       throw InputError("--show belongs to a single run");
+    if (studies_.study == "model") return run_model_study();
     if (studies_.suite) return run_suite();
     const bool many_scenes = studies_.study == "culling" || studies_.study == "harsh" ||
                              studies_.study == "stretches" || studies_.study == "camera" || studies_.study == "doubts";
@@ -215,7 +223,8 @@ class SimCommand {
       return exit_code(laboratory::run_doubt_study(exploring<laboratory::DoubtStudyOptions>(0)));
     if (studies_.study == "init") return run_start_study();
     if (!studies_.study.empty())
-      throw InputError("--study " + studies_.study + ": there are init, culling, harsh, stretches, camera and doubts");
+      throw InputError("--study " + studies_.study +
+                       ": there are init, culling, harsh, stretches, model, camera and doubts");
     if (studies_.many) throw InputError("--seeds and --jobs belong to --suite or --study");
     if (studies_.endurance_minutes) return run_endurance();
     return run_once();
@@ -263,7 +272,18 @@ class SimCommand {
     }
   }
 
+  int run_model_study() const {
+    laboratory::ModelStudyOptions options;
+    options.stories = chosen_.stories;
+    options.seeds = studies_.seeds;
+    options.jobs = studies_.jobs;
+    return laboratory::run_model_study(options) ? kExitOk : kExitBroken;
+  }
+
   int run_suite() const {
+    for (const std::string& story : chosen_.stories)
+      if (sim::is_model_story(story))
+        throw InputError("--story " + story + ": is for the tracker of a known object, not for --suite");
     laboratory::SuiteOptions options;
     options.stories = chosen_.stories;
     options.scenes = chosen_.scenes;
@@ -329,6 +349,7 @@ class SimCommand {
     const auto scene = std::make_shared<const sim::Scene>(sim::make_scene(phone));
     const std::unique_ptr<platform::Camera> camera = sim::make_phone_camera(phone, scene);
     if (!chosen_.dump.empty()) return dump(*camera, *scene);
+    if (sim::is_model_story(phone.story)) return track_model(*camera, *scene);
     Knowledge knowledge;
     knowledge.plane_known = sim::ground_plane_known(phone.scene);
     knowledge.judge = [&](const RunLog& log, const Trajectory& truth) {
@@ -339,6 +360,15 @@ class SimCommand {
       return summarise(laboratory::judge(log, truth, sim::story_of(phone, *scene), static_cast<double>(exposed_s)));
     };
     return run_and_write(*camera, run_, output_, knowledge, command_line_);
+  }
+
+  int track_model(platform::Camera& camera, const sim::Scene& scene) const {
+    if (!output_.out.empty() || output_.show.where != DisplayChoice::kNone)
+      throw InputError("--story " + chosen_.phone.story +
+                       ": is judged only; for pictures --dump it and give it to pocket-ptam model");
+    const laboratory::ModelJudgement judged = laboratory::judge_model_run(camera, scene.model);
+    print_rows(laboratory::summarise(judged));
+    return judged.to_the_end && judged.wrong == 0 ? kExitOk : kExitBroken;
   }
 
   int dump(platform::Camera& camera, const sim::Scene& scene) const {

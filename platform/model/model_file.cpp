@@ -17,52 +17,61 @@
 namespace pptam::platform {
 namespace {
 
-constexpr int kMaxFiles = 64;          // that a model loads, itself included
-constexpr int kMaxDepth = 8;           // of files that load files
-constexpr int64_t kMaxEntries = 4096;  // of a section
+constexpr size_t kMaxFiles = 64;                       // that a model loads, itself included
+constexpr size_t kMaxDepth = 8;                        // of files that load files
+constexpr size_t kMaxEntries = 4096;                   // points, and lines and sides of faces, of all files together
+constexpr size_t kMaxFacets = 2048, kMaxRound = 1024;  // faces; cylinders, circles and spheres each
 constexpr int kMaxObjVertices = 100000;
-constexpr size_t kMaxModelBytes = size_t{8} << 20;
+constexpr size_t kMaxModelBytes = size_t{8} << 20;  // of all files together
 
-// The lines of a text that hold something, without comments, and errors that name them.
+// The lines of a text that hold something, without comments, and errors that name them. What it gives out are views of
+// the text that it keeps: a hostile file costs no more memory than its bytes.
 class Lines {
  public:
   explicit Lines(const std::filesystem::path& file) : Lines(read_text(file, kMaxModelBytes), file) {}
-  Lines(const std::string& text, const std::filesystem::path& file) : name_(file.string()) {
-    int number = 1;
-    for (size_t begin = 0; begin < text.size(); ++number) {
-      const size_t end = std::min(text.find('\n', begin), text.size());
-      std::string_view line = std::string_view(text).substr(begin, end - begin);
-      if (line.size() > kMaxLineBytes)
-        throw InputError(format("%s:%d: a line of more than 64 kB", name_.c_str(), number));
-      line = trimmed(line.substr(0, line.find('#')));
-      if (!line.empty()) lines_.emplace_back(number, std::string(line));
-      begin = end + 1;
-    }
-    last_line_ = std::max(1, number - 1);
+  Lines(std::string text, const std::filesystem::path& file) : name_(file.string()), text_(std::move(text)) {
+    find_next();
   }
-  bool at_end() const { return next_ == lines_.size(); }
-  const std::string& peek() const { return lines_[next_].second; }
+  Lines(const Lines&) = delete;
+  Lines& operator=(const Lines&) = delete;
+  size_t bytes() const { return text_.size(); }
+  bool at_end() const { return next_.empty(); }
+  std::string_view peek() const { return next_; }
   // The next line, which holds `what`.
-  const std::string& take(const std::string& what) {
-    if (at_end())
-      throw InputError(
-          format("%s:%d: the file ends where there should be %s", name_.c_str(), last_line_, what.c_str()));
-    return lines_[next_++].second;
+  std::string_view take(const std::string& what) {
+    if (at_end()) fail_at_end("the file ends where there should be " + what);
+    const std::string_view line = next_;
+    taken_ = number_;
+    find_next();
+    return line;
   }
   // Of the whole text.
   [[noreturn]] void fail_at_end(const std::string& what) const {
-    throw InputError(format("%s:%d: %s", name_.c_str(), last_line_, what.c_str()));
+    throw InputError(format("%s:%d: %s", name_.c_str(), std::max(1, number_), what.c_str()));
   }
   // Of the line that was taken last.
   [[noreturn]] void fail(const std::string& what) const {
-    throw InputError(format("%s:%d: %s", name_.c_str(), next_ > 0 ? lines_[next_ - 1].first : 1, what.c_str()));
+    throw InputError(format("%s:%d: %s", name_.c_str(), std::max(1, taken_), what.c_str()));
   }
 
  private:
-  std::string name_;
-  std::vector<std::pair<int, std::string>> lines_;
-  size_t next_ = 0;
-  int last_line_ = 1;
+  void find_next() {
+    next_ = {};
+    while (next_.empty() && begin_ < text_.size()) {
+      const size_t end = std::min(text_.find('\n', begin_), text_.size());
+      const std::string_view line = std::string_view(text_).substr(begin_, end - begin_);
+      ++number_;
+      if (line.size() > kMaxLineBytes)
+        throw InputError(format("%s:%d: a line of more than 64 kB", name_.c_str(), number_));
+      next_ = trimmed(line.substr(0, line.find('#')));
+      begin_ = end + 1;
+    }
+  }
+
+  std::string name_, text_;
+  size_t begin_ = 0;            // of what has not been looked at
+  std::string_view next_;       // empty: there is none
+  int number_ = 0, taken_ = 0;  // of the line looked at last, and of the one taken last, counted from 1
 };
 
 std::vector<std::string_view> words_of(std::string_view line) {
@@ -76,10 +85,10 @@ std::vector<std::string_view> words_of(std::string_view line) {
   return words;
 }
 
-std::string in_quotes(std::string_view text) {
+std::string in_quotes(std::string_view text, size_t most = 40) {
   std::string plain;
-  for (const char c : text.substr(0, 40)) plain += c >= 0x20 && c < 0x7f ? c : '?';
-  return "'" + plain + (text.size() > 40 ? "...'" : "'");
+  for (const char c : text.substr(0, most)) plain += c >= 0x20 && c < 0x7f ? c : '?';
+  return "'" + plain + (text.size() > most ? "...'" : "'");
 }
 
 std::optional<float> number_of(std::string_view word) {
@@ -142,15 +151,18 @@ class CaoReader {
  public:
   explicit CaoReader(ModelFile* model) : model_(*model) {}
 
-  void read(Lines& lines, const std::filesystem::path& file, const SE3& T, int depth) {
+  void read(Lines& lines, const std::filesystem::path& file, const SE3& T) {
     model_.files.push_back(file);
+    open_.push_back(resolved(file));
+    const size_t files = model_.files.size();
     if (lines.at_end() || lines.take("V1") != "V1") lines.fail("a .cao model begins with a line V1");
-    while (!lines.at_end() && lines.peek().starts_with("load")) load(lines, file, T, depth);
+    while (!lines.at_end() && lines.peek().starts_with("load")) load(lines, file, T);
     if (lines.at_end()) {
-      if (model_.files.back() == file) lines.take("the number of points");  // neither loads nor points: throws
-      return;
+      if (model_.files.size() == files) lines.take("the number of points");  // neither loads nor points: throws
+    } else {
+      read_sections(lines, T);
     }
-    read_sections(lines, T);
+    open_.pop_back();
   }
 
  private:
@@ -159,12 +171,20 @@ class CaoReader {
     std::vector<std::pair<int, int>> lines;  // by indices of the whole model
   };
 
-  int count(Lines& lines, const std::string& what) const {
-    const std::string text = lines.take("the number of " + what);
+  static std::filesystem::path resolved(const std::filesystem::path& file) {
+    std::error_code ignored;
+    return std::filesystem::weakly_canonical(file, ignored);
+  }
+  // At most `most`, of which other files have used some.
+  int count(Lines& lines, const std::string& what, size_t most, size_t used) const {
+    const std::string_view text = lines.take("the number of " + what);
     int64_t value = 0;
     if (!parse_integer(text, &value))
       lines.fail("the number of " + what + " is not a whole number: " + in_quotes(text));
-    if (value < 0 || value > kMaxEntries) lines.fail(format("the number of %s is not within 0 to 4096", what.c_str()));
+    const int64_t room = static_cast<int64_t>(most) - static_cast<int64_t>(std::min(most, used));
+    if (value < 0 || value > room)
+      lines.fail(format("the number of %s is not within 0 to %zu%s", what.c_str(), most,
+                        used > 0 ? ", with those of the files before" : ""));
     return static_cast<int>(value);
   }
   std::vector<std::string_view> entry(Lines& lines, const std::string& what, size_t least) const {
@@ -188,15 +208,17 @@ class CaoReader {
   void read_sections(Lines& lines, const SE3& T) {
     Part part;
     part.first_point = model_.points.size();
-    const int points = count(lines, "points");
+    const int points = count(lines, "points", kMaxEntries, part.first_point);
     for (int i = 0; i < points; ++i) {
       const auto words = entry(lines, "point", 3);
       if (words.size() > 3) lines.fail("a point has three numbers");
-      model_.points.push_back(
-          T * Vector3f(number(lines, words[0], "X"), number(lines, words[1], "Y"), number(lines, words[2], "Z")));
+      const Vector3f p =
+          T * Vector3f(number(lines, words[0], "X"), number(lines, words[1], "Y"), number(lines, words[2], "Z"));
+      if (!(p.cwiseAbs().maxCoeff() <= 1e6f)) lines.fail("the point is not within 1e6 where it is moved to");
+      model_.points.push_back(p);
     }
     part.points = static_cast<size_t>(points);
-    const int segments = count(lines, "lines");
+    const int segments = count(lines, "lines", kMaxEntries, 0);
     std::vector<float> lengths;
     for (int i = 0; i < segments; ++i) {
       const auto words = entry(lines, "line", 2);
@@ -206,13 +228,14 @@ class CaoReader {
       lengths.push_back(attributes(lines, words, 2).min_length_px);
     }
     std::vector<bool> in_face(part.lines.size());
-    const int from_lines = count(lines, "faces from lines");
+    const int from_lines = count(lines, "faces from lines", kMaxFacets, model_.faces.size());
     for (int i = 0; i < from_lines; ++i) face_from_lines(lines, part, &in_face);
     for (size_t i = 0; i < part.lines.size(); ++i)
       if (!in_face[i]) model_.lines.push_back({part.lines[i].first, part.lines[i].second, lengths[i]});
-    const int from_points = count(lines, "faces from points");
+    check_sides(lines);
+    const int from_points = count(lines, "faces from points", kMaxFacets, model_.faces.size());
     for (int i = 0; i < from_points; ++i) face_from_points(lines, part);
-    const int cylinders = count(lines, "cylinders");
+    const int cylinders = count(lines, "cylinders", kMaxRound, model_.cylinders.size());
     for (int i = 0; i < cylinders; ++i) {
       const auto words = entry(lines, "cylinder", 3);
       ModelCylinder cylinder;
@@ -224,15 +247,14 @@ class CaoReader {
       model_.cylinders.push_back(cylinder);
     }
     if (lines.at_end()) return;
-    const int circles = count(lines, "circles");
+    const int circles = count(lines, "circles", kMaxRound, model_.circles.size());
     for (int i = 0; i < circles; ++i) circle(lines, part);
     if (lines.at_end()) return;
-    const int spheres = count(lines, "spheres");
+    const int spheres = count(lines, "spheres", kMaxRound, model_.spheres.size());
     for (int i = 0; i < spheres; ++i) {
       const auto words = entry(lines, "sphere", 2);
-      attributes(lines, words, 2);
-      model_.spheres.push_back(
-          {model_.points[static_cast<size_t>(point(lines, words[1], part))], radius(lines, words[0])});
+      model_.spheres.push_back({model_.points[static_cast<size_t>(point(lines, words[1], part))],
+                                radius(lines, words[0]), attributes(lines, words, 2).min_area_px2});
     }
     if (!lines.at_end()) {
       lines.take("");
@@ -250,13 +272,17 @@ class CaoReader {
     for (size_t i = 0; i < corners.size(); ++i) need_apart(lines, corners[i], corners[(i + 1) % corners.size()]);
     model_.corners.insert(model_.corners.end(), corners.begin(), corners.end());
     model_.faces.push_back(face);
-    if (model_.corners.size() > kMaxEntries) lines.fail("more than 4096 sides of faces");
+    check_sides(lines);
+  }
+  void check_sides(const Lines& lines) const {
+    if (model_.lines.size() + model_.corners.size() > kMaxEntries)
+      lines.fail("more than 4096 lines and sides of faces, of all files together");
   }
 
   size_t corner_count(const Lines& lines, const std::vector<std::string_view>& words, const char* what,
                       int least) const {
     int64_t count = 0;
-    if (!parse_integer(words[0], &count) || count < least || count > kMaxEntries)
+    if (!parse_integer(words[0], &count) || count < least || count > static_cast<int64_t>(kMaxEntries))
       lines.fail(format("a face needs %d or more %s: %s", least, what, in_quotes(words[0]).c_str()));
     if (words.size() < static_cast<size_t>(count) + 1)
       lines.fail(
@@ -315,13 +341,13 @@ class CaoReader {
     const float sides = (p[1] - p[0]).norm() * (p[2] - p[0]).norm();
     if (!(made.normal.norm() > 1e-4f * sides)) lines.fail("the circle's three points are in a line");
     made.normal.normalize();
-    attributes(lines, words, 4);
+    made.min_area_px2 = attributes(lines, words, 4).min_area_px2;
     model_.circles.push_back(made);
   }
 
   // load("path" [, t=[x; y; z]] [, tu=[rx; ry; rz [deg|rad]]] [, R=[9 values]])
-  void load(Lines& lines, const std::filesystem::path& file, const SE3& T, int depth) {
-    const std::string line = lines.take("load");
+  void load(Lines& lines, const std::filesystem::path& file, const SE3& T) {
+    const std::string_view line = lines.take("load");
     const size_t open = line.find('"'), quote = open == std::string::npos ? open : line.find('"', open + 1);
     std::string before;  // between load and the path
     for (size_t i = 4; i < std::min(open, line.size()); ++i)
@@ -329,10 +355,11 @@ class CaoReader {
     if (quote == std::string::npos || before != "(" || line.back() != ')')
       lines.fail("not load(\"file\") with t=[x; y; z], tu=[rx; ry; rz deg] or R=[9 values] after commas: " +
                  in_quotes(line));
-    const std::filesystem::path other = file.parent_path() / line.substr(open + 1, quote - open - 1);
+    const std::string_view name = line.substr(open + 1, quote - open - 1);
+    const std::filesystem::path other = file.parent_path() / name;
     SE3 T_here;
     bool turned = false;
-    std::string_view rest = std::string_view(line).substr(quote + 1, line.size() - quote - 2);
+    std::string_view rest = line.substr(quote + 1, line.size() - quote - 2);
     while (!trimmed(rest).empty()) {
       rest = trimmed(rest);
       if (rest[0] != ',') lines.fail("a comma is missing before " + in_quotes(rest));
@@ -343,12 +370,16 @@ class CaoReader {
       transform(lines, trimmed(rest.substr(0, begin)), rest.substr(begin + 2, end - begin - 2), &T_here, &turned);
       rest = rest.substr(end + 1);
     }
-    if (depth >= kMaxDepth) lines.fail("more than 8 files load each other; do they load themselves?");
+    if (std::find(open_.begin(), open_.end(), resolved(other)) != open_.end())
+      lines.fail("it is being read already, files load themselves: " + in_quotes(name, 200));
+    if (open_.size() >= kMaxDepth) lines.fail("more than 8 files load each other");
     if (model_.files.size() >= kMaxFiles) lines.fail("more than 64 files are loaded");
     std::error_code ignored;
-    if (!std::filesystem::is_regular_file(other, ignored)) lines.fail("there is no file " + other.string());
+    if (!std::filesystem::is_regular_file(other, ignored)) lines.fail("there is no file " + in_quotes(name, 200));
     Lines others(other);
-    read(others, other, T * T_here, depth + 1);
+    bytes_ += others.bytes();
+    if (bytes_ > kMaxModelBytes) lines.fail("the files that are loaded have more than 8 MB");
+    read(others, other, T * T_here);
   }
 
   void transform(const Lines& lines, std::string_view key, std::string_view list, SE3* T, bool* turned) const {
@@ -385,6 +416,8 @@ class CaoReader {
   }
 
   ModelFile& model_;
+  std::vector<std::filesystem::path> open_;  // being read, each loaded by the one before
+  size_t bytes_ = 0;                         // of files that were loaded
 };
 
 // Vertex indices count from 1; negative ones from the last vertex so far.
@@ -396,6 +429,18 @@ int obj_index(const Lines& lines, std::string_view word, size_t vertices) {
   if (value < 1 || value > static_cast<int64_t>(vertices))
     lines.fail(format("vertex %s does not exist: there are %zu, counted from 1", in_quotes(word).c_str(), vertices));
   return static_cast<int>(value - 1);
+}
+
+// Whether a piece has no area to speak of: its corners are in a line, within a millionth of its longest diagonal.
+bool flat(const std::vector<Vector3f>& points, const std::vector<int>& corners) {
+  const auto at = [&](size_t i) { return points[static_cast<size_t>(corners[i])]; };
+  Vector3f normal = Vector3f::Zero();
+  float longest_sq = 0;
+  for (size_t i = 1; i + 1 < corners.size(); ++i) normal += (at(i) - at(0)).cross(at(i + 1) - at(0));
+  for (size_t i = 0; i < corners.size(); ++i)
+    for (const size_t j : {size_t{0}, (i + 1) % corners.size()})
+      longest_sq = std::max(longest_sq, (at(i) - at(j)).squaredNorm());
+  return !(normal.norm() > 1e-6f * longest_sq);
 }
 
 // Vertices at the same place are one; pieces without an area are left out.
@@ -421,19 +466,21 @@ void read_obj(Lines& lines, ModelFile* model) {
         const int corner = vertex[static_cast<size_t>(obj_index(lines, words[i], vertex.size()))];
         const auto at = [&](int p) { return model->points[static_cast<size_t>(p)]; };
         if (corners.empty() || (at(corners.back()) - at(corner)).norm() > 1e-5f) corners.push_back(corner);
+        // The last corner is beside the first one, too.
+        if (i + 1 == words.size() && words[0] == "f")
+          while (corners.size() > 1 && (at(corners.front()) - at(corners.back())).norm() <= 1e-5f) corners.pop_back();
       }
       if (words[0] == "l") {
         for (size_t i = 1; i < corners.size(); ++i) model->lines.push_back({corners[i - 1], corners[i], 0});
       } else {
-        if (corners.size() > 1 && corners.front() == corners.back()) corners.pop_back();
-        if (corners.size() < 3) continue;
+        if (corners.size() < 3 || flat(model->points, corners)) continue;
         ModelFace face;
         face.first = static_cast<int>(model->corners.size());
         face.count = static_cast<int>(corners.size());
         model->corners.insert(model->corners.end(), corners.begin(), corners.end());
         model->faces.push_back(face);
       }
-      if (model->corners.size() + model->lines.size() > kMaxEntries || model->faces.size() > 2048)
+      if (model->corners.size() + model->lines.size() > kMaxEntries || model->faces.size() > kMaxFacets)
         lines.fail("more than 2048 faces or 4096 sides: simplify the model");
     }
   }
@@ -481,7 +528,7 @@ ModelFile model_of(const std::string& text, const std::filesystem::path& file) {
     model.files.push_back(file);
     read_obj(lines, &model);
   } else {
-    CaoReader(&model).read(lines, file, SE3(), 0);
+    CaoReader(&model).read(lines, file, SE3());
   }
   const Status status = model.view().validate();
   if (!status.ok()) lines.fail_at_end(status.message());
@@ -514,7 +561,7 @@ SE3 read_object_pose(const std::filesystem::path& file) {
 
 SeenPoints read_seen_points(const std::filesystem::path& file) {
   Lines lines(file);
-  const std::string text = lines.take("the number of points");
+  const std::string_view text = lines.take("the number of points");
   int64_t count = 0;
   if (!parse_integer(text, &count) || count < 4 || count > 100)
     lines.fail("the number of points is not a whole number from 4 to 100: " + in_quotes(text));

@@ -31,6 +31,8 @@ struct ModelFile {
 // .cao: sections of points, lines, faces from lines, faces from points, cylinders, circles and, our extension, spheres
 // (nSpheres, then radius pCentre); "load" lines before with t=[x; y; z], tu=[rx; ry; rz deg] and R=[9 values];
 // attributes name=, useLod=, minLineLengthThreshold=, minPolygonAreaThreshold=. The faces' lines must join end to end.
+// A file may load any that its reader may read, by an absolute path or through "..", as users' models do: what is no
+// model is refused, and an error quotes 40 characters of it at most.
 // OBJ: v, f and l; coordinates only; sides between faces that meet at less than 30 degrees count only as outlines.
 ModelFile read_model(const std::filesystem::path& file);
 // The same of a file's text. `file` stands for it in errors, and what it loads is sought beside it.

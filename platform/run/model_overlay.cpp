@@ -94,12 +94,32 @@ struct ModelOverlay::Impl {
     cairo_restore(cr);
   }
 
-  // Sites of a contour follow each other along it; where some are hidden there is a gap.
+  // Cairo's pixels are words of red, green and blue from the top down; the video's are bytes in this order.
+  void read_canvas() {
+    cairo_surface_flush(canvas.get());
+    const unsigned char* rows = cairo_image_surface_get_data(canvas.get());
+    const int stride = cairo_image_surface_get_stride(canvas.get());
+    rgba.clear();
+    for (int row = 0; row < height; ++row) {
+      const auto* from = reinterpret_cast<const uint32_t*>(rows + static_cast<ptrdiff_t>(row) * stride);
+      for (int column = 0; column < width; ++column)
+        for (const int shift : {16, 8, 0, 24}) rgba.push_back(static_cast<uint8_t>(from[column] >> shift));
+    }
+  }
+
+  // Sites of a contour follow each other along it; where some are hidden there is a gap of twice the usual step or
+  // more. On a circle that is seen aslant steps differ by the perspective, hardly by more than a half.
   void draw_contours(cairo_t* cr, std::span<const ModelSite> sites) const {
+    std::vector<float> steps;
+    for (size_t i = 1; i < sites.size(); ++i)
+      if (sites[i].contour == sites[i - 1].contour) steps.push_back((sites[i].model_px - sites[i - 1].model_px).norm());
+    if (steps.empty()) return;
+    const auto middle = steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2);
+    std::nth_element(steps.begin(), middle, steps.end());
+    const float gap = 1.7f * *middle;
     for (size_t i = 1; i < sites.size(); ++i) {
       if (sites[i].contour != sites[i - 1].contour) continue;
-      const Vector2f step = sites[i].model_px - sites[i - 1].model_px;
-      if (step.norm() > 16) continue;
+      if ((sites[i].model_px - sites[i - 1].model_px).norm() > gap) continue;
       cairo_move_to(cr, x(sites[i - 1].model_px), y(sites[i - 1].model_px));
       cairo_line_to(cr, x(sites[i].model_px), y(sites[i].model_px));
     }
@@ -165,7 +185,7 @@ struct ModelOverlay::Impl {
   const ObjectModel& object;
   int scale, width, height;
   Surface canvas, picture;
-  std::vector<uint8_t> grey;
+  std::vector<uint8_t> grey, rgba;
   std::optional<Stand> stand;
   VideoWriter video;
   Surface still;
@@ -191,9 +211,8 @@ void ModelOverlay::add(const Frame& frame, const ModelResult& result) {
     }
     o.draw_words(cr, result);
   }
-  cairo_surface_flush(o.canvas.get());
-  o.video.add(cairo_image_surface_get_data(o.canvas.get()),
-              static_cast<size_t>(cairo_image_surface_get_stride(o.canvas.get())), frame.timestamp_ns);
+  o.read_canvas();
+  o.video.add(o.rgba.data(), static_cast<size_t>(o.width) * 4, frame.timestamp_ns);
   // The last power of two among the tracked frames lies in their second half.
   if (!result.pose_valid || !std::has_single_bit(++o.tracked)) return;
   if (!o.still) o.still = make_surface(o.width, o.height);

@@ -6,9 +6,12 @@
 #include <cstdint>
 #include <cstdio>
 #include <cstring>
+#include <vector>
 
 #include "tests/budget/painted_run.h"
 #include "tests/budget/parts.h"
+#include "tests/support/rendered_object.h"
+#include "tests/support/tracker_in_memory.h"
 
 namespace pptam {
 namespace {
@@ -79,6 +82,25 @@ TEST(Stack, OfAFrameAndOfASlice) {
   EXPECT_LE(tracked, 8 * 1024u);
   EXPECT_LE(start, 8 * 1024u);
   EXPECT_LE(slice, 8 * 1024u);
+}
+
+TEST(Stack, OfAModelFrame) {
+  const test::RenderedObject object = test::box();
+  test::TrackerInMemory tracker(test::config_of(object, test::small_camera()));
+  ASSERT_TRUE(tracker->start(test::swaying(0)).ok());
+  std::vector<std::vector<uint8_t>> images = {object.render(test::small_camera(), test::swaying(0)),
+                                              object.render(test::small_camera(), test::swaying(1)),
+                                              std::vector<uint8_t>(320 * 240, 90)};
+  size_t most = 0;
+  int poses = 0;
+  for (const int i : {0, 1, 0, 2, 2, 2, 2, 2, 1, 1}) {  // started, followed, lost, sought
+    ModelResult r;
+    most = std::max(most, stack_of([&] { r = tracker.track(images[static_cast<size_t>(i)]); }));
+    poses += r.pose_valid;
+  }
+  EXPECT_GE(poses, 4);
+  std::printf("stack, bytes: a frame of the model-based tracker %zu\n", most);
+  EXPECT_LE(most, 8 * 1024u);
 }
 
 }  // namespace

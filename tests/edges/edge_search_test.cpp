@@ -85,6 +85,30 @@ TEST(EdgeSearch, StaysWithinItsRanges) {
   EXPECT_GT(steepest, 12240);
 }
 
+// By hand or not, in all directions, at all fractions of a pixel, noise as well as black and white.
+TEST(EdgeSearch, EveryFormGivesThePlainOnesBits) {
+  test::Random random;
+  for (int trial = 0; trial < test::trials(3000); ++trial) {
+    Picture picture;
+    for (uint8_t& px : picture.px) {
+      const int noise = random.integer(0, 255);
+      px = static_cast<uint8_t>(trial % 2 == 0 ? noise : (noise & 1) * 255);
+    }
+    const float angle = static_cast<float>(random.uniform(0, 6.2831853));
+    const Vector2f normal(std::cos(angle), std::sin(angle));
+    const Vector2f at(static_cast<float>(random.uniform(20, 43)), static_cast<float>(random.uniform(20, 43)));
+    const int half = random.integer(1, 17);
+    if (!profile_inside(picture.view(), at, normal, half)) continue;
+    int16_t profile[kMaxProfile], specified[kMaxProfile];
+    sample_profile(picture.view(), at, normal, half, profile);
+    plain::sample_profile(picture.view(), at, normal, half, specified);
+    for (int i = 0; i <= 2 * half; ++i) ASSERT_EQ(profile[i], specified[i]) << trial;
+    picture.px[static_cast<size_t>(std::lround(at.y()) * kSize + std::lround(at.x()))] ^= 255;
+    plain::sample_profile(picture.view(), at, normal, half, specified);
+    EXPECT_FALSE(std::equal(profile, profile + 2 * half + 1, specified)) << "the comparison must see a pixel";
+  }
+}
+
 // Whatever profile_inside() allows is read within the image: rows before and after would be seen by the sanitizer, and
 // a value of another grey here.
 TEST(EdgeSearch, ReadsOnlyTheImage) {

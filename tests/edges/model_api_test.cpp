@@ -15,33 +15,11 @@
 namespace pptam {
 namespace {
 
+using test::box;
+using test::config_of;
 using test::RenderedObject;
+using test::small_camera;
 using test::TrackerInMemory;
-
-Camera small_camera() {
-  Camera camera;
-  camera.model.width = 320;
-  camera.model.height = 240;
-  camera.model.fx = camera.model.fy = 320;
-  camera.model.cx = 159.5f;
-  camera.model.cy = 119.5f;
-  camera.model.prepare();
-  return camera;
-}
-
-ModelTrackerConfig config_of(const RenderedObject& object, const Camera& camera) {
-  ModelTrackerConfig config;
-  config.camera = camera;
-  config.model = object.model();
-  config.max_sites = 400;
-  return config;
-}
-
-RenderedObject box() {
-  RenderedObject object;
-  object.add_box(Vector3f::Zero(), Vector3f(0.2f, 0.15f, 0.1f));
-  return object;
-}
 
 TEST(ModelApi, RefusesWhatIsNoInput) {
   const RenderedObject object = box();
@@ -51,6 +29,17 @@ TEST(ModelApi, RefusesWhatIsNoInput) {
   ModelTracker* tracker = nullptr;
   EXPECT_EQ(ModelTracker::create(config, std::span(memory).first(1000), &tracker).code(), StatusCode::kOutOfMemory);
   EXPECT_EQ(tracker, nullptr);
+  EXPECT_EQ(ModelTracker::create(config, std::span(memory).subspan(1), &tracker).code(), StatusCode::kInvalidArgument)
+      << "not aligned";
+  ModelTrackerConfig unprepared = config;
+  unprepared.camera.model = {};
+  unprepared.camera.model.width = camera.model.width;
+  unprepared.camera.model.height = camera.model.height;
+  unprepared.camera.model.fx = unprepared.camera.model.fy = camera.model.fx;
+  unprepared.camera.model.cx = camera.model.cx;
+  unprepared.camera.model.cy = camera.model.cy;
+  EXPECT_EQ(ModelTracker::required_bytes(unprepared), ModelTracker::required_bytes(config));
+  EXPECT_TRUE(ModelTracker::create(unprepared, memory, &tracker).ok());
   ASSERT_TRUE(ModelTracker::create(config, memory, &tracker).ok());
   EXPECT_FALSE(tracker->start(SE3(Matrix3f::Identity() * 2, Vector3f(0, 0, 1))).ok());
   EXPECT_FALSE(tracker->start(SE3(Matrix3f::Identity(), Vector3f(0, 0, -1))).ok()) << "behind the camera";
@@ -90,6 +79,13 @@ TEST(ModelApi, RefusesWhatIsNoInput) {
   wrong = box();
   wrong.points[0].x() = INFINITY;
   EXPECT_FALSE(wrong.model().validate().ok());
+  const std::vector<ModelLine> lines(4097, ModelLine{0, 1, 0});
+  ObjectModel many = object.model();
+  many.faces = {};
+  many.lines = std::span(lines).first(4096);
+  EXPECT_TRUE(many.validate().ok());
+  many.lines = lines;
+  EXPECT_FALSE(many.validate().ok()) << "too many lines, and no faces";
   config.max_sites = 10;
   EXPECT_FALSE(config.validate().ok());
 }

@@ -42,9 +42,9 @@ constexpr const char* kWhole =
     "1\r\n"
     "4 5 0.25 name=pole\r\n"
     "1\r\n"
-    "0.5 4 0 1\r\n"
+    "0.5 4 0 1 useLod=true\r\n"
     "1\r\n"
-    "0.125 5";
+    "0.125 5 useLod=true minPolygonAreaThreshold=7";
 
 class ModelFiles : public ::testing::Test {
  protected:
@@ -96,6 +96,8 @@ TEST_F(ModelFiles, TheWholeFormat) {
       << "its points run counter-clockwise, seen from there";
   ASSERT_EQ(model.spheres.size(), 1u);
   EXPECT_EQ(model.spheres[0].radius, 0.125f);
+  EXPECT_EQ(model.circles[0].min_area_px2, 2500);
+  EXPECT_EQ(model.spheres[0].min_area_px2, 7);
   EXPECT_TRUE(model.view().validate().ok());
 }
 
@@ -111,6 +113,23 @@ TEST_F(ModelFiles, LoadedFilesAreMoved) {
   ASSERT_EQ(model.lines.size(), 3u);
   EXPECT_EQ(model.lines[2].b, 5);
   EXPECT_EQ(model.files.size(), 4u);
+  // By absolute paths and from above, as users' models do.
+  fs::create_directory(folder_.path() / "below");
+  const std::string absolute = (folder_.path() / "part.cao").string();
+  EXPECT_EQ(
+      read_model(write("below/other.cao", "V1\nload(\"../part.cao\")\nload(\"" + absolute + "\")\n")).lines.size(), 2u);
+}
+
+// Lines that hold nothing cost no memory, and files that load each other end.
+TEST_F(ModelFiles, LargeFilesAreRefused) {
+  const std::string blank(size_t{5} << 20, '\n');
+  write("a.cao", "V1\nload(\"b.cao\")\n" + blank);
+  write("b.cao", "V1\nload(\"c.cao\")\n" + blank);
+  write("c.cao", "V1\nload(\"a.cao\")\n");
+  EXPECT_NE(error_of("V1\nload(\"c.cao\")\n").find("a.cao:2: the files that are loaded have more than 8 MB"),
+            std::string::npos);
+  write("b.cao", "V1\nload(\"c.cao\")\n");
+  EXPECT_NE(error_of("V1\nload(\"c.cao\")\n").find("b.cao:2: it is being read already"), std::string::npos);
 }
 
 TEST_F(ModelFiles, WrongFilesAreRefusedByLine) {
@@ -124,7 +143,7 @@ TEST_F(ModelFiles, WrongFilesAreRefusedByLine) {
   expect_refused("V1\n99999999999999999999\n", 2, "not a whole number");
   expect_refused("V1\n2\n0 0 0\n0 0 1\n1\n0 2\n", 6, "point 2 does not exist");
   expect_refused("V1\n2\n0 0 0\n0 0 0\n1\n0 1\n", 6, "not at the same place");
-  expect_refused("V1\n3\n0 0 0\n0 0 1\n0 1 0\n2\n0 1\n2 0\n1\n2 0 0\n0\n0\n", 10, "");
+  expect_refused("V1\n3\n0 0 0\n0 0 1\n0 1 0\n2\n0 1\n2 0\n1\n2 0 0\n0\n0\n", 10, "not at the same place");
   expect_refused("V1\n3\n0 0 0\n0 0 1\n0 1 0\n0\n0\n1\n4 0 1 2\n", 9, "not the 4 it says");
   expect_refused("V1\n3\n0 0 0\n0 0 1\n0 1 0\n0\n0\n1\n3 0 1 2 colour=red\n", 9, "no such attribute");
   expect_refused("V1\n3\n0 0 0\n0 0 1\n0 1 0\n0\n0\n1\n3 0 1 2 useLod=maybe\n", 9, "neither true nor false");
@@ -137,6 +156,14 @@ TEST_F(ModelFiles, WrongFilesAreRefusedByLine) {
   write("part.cao", "V1\n2\n1 0 0\n0 0 2\n1\n0 1\n0\n0\n0");
   expect_refused("V1\nload(\"part.cao\", t=[1; 2])\n", 2, "needs 3 numbers");
   expect_refused("V1\nload(\"part.cao\", R=[1 0 0 0 1 0 0 0 2])\n", 2, "not a rotation");
+  expect_refused("V1\nload(\"./bad.cao\")\n", 2, "load themselves");
+  EXPECT_NE(error_of("V1\nload(\"part.cao\", t=[1000000; 0; 0])\n").find("part.cao:3: the point is not within 1e6"),
+            std::string::npos);
+  // Of all files together, at the line that goes too far.
+  std::string lines = "V1\n2\n1 0 0\n0 0 2\n3000\n", loads = "V1\nload(\"many.cao\")\nload(\"many.cao\")\n";
+  for (int i = 0; i < 3000; ++i) lines += "0 1\n";
+  write("many.cao", lines + "0\n0\n0\n");
+  EXPECT_NE(error_of(loads).find("many.cao:3006: more than 4096 lines"), std::string::npos) << error_of(loads);
   EXPECT_NE(error_of("V1\n0\n0\n0\n0\n0\n").find("nothing to track"), std::string::npos);
   EXPECT_NE(error_of("").find("is empty"), std::string::npos);
 }
@@ -152,6 +179,12 @@ TEST_F(ModelFiles, WavefrontObj) {
   EXPECT_EQ(model.lines.size(), 1u);
   EXPECT_TRUE(model.outlines_of_smooth);
   EXPECT_TRUE(model.view().validate().ok());
+  // Corners in a line and pieces of no width have no area; corners at nearly the same place are one.
+  const ModelFile thin = read_model(write("thin.obj",
+                                          "v 0 0 0\nv 1 0 0\nv 2 0 0\nv 1 1e-7 0\nv 1 1 0\nv 0 0 1e-6\n"
+                                          "f 1 2 3\nf 1 3 4\nf 1 3 5 6\nf 1 2 1\n"));
+  ASSERT_EQ(thin.faces.size(), 1u);
+  EXPECT_EQ(thin.faces[0].count, 3);
   EXPECT_NE(error_of("v 0 0 0\nv 0 0 1\nv 0 1 0\nf 1 2 4\n", "bad.obj").find("bad.obj:4: vertex '4' does not exist"),
             std::string::npos);
   EXPECT_NE(error_of("v 0 0\n", "bad.obj").find("bad.obj:1: "), std::string::npos);

@@ -15,42 +15,12 @@
 namespace pptam {
 namespace {
 
+using test::box;
+using test::config_of;
 using test::RenderedObject;
+using test::small_camera;
+using test::swaying;
 using test::TrackerInMemory;
-
-Camera small_camera() {
-  Camera camera;
-  camera.model.width = 320;
-  camera.model.height = 240;
-  camera.model.fx = camera.model.fy = 320;
-  camera.model.cx = 159.5f;
-  camera.model.cy = 119.5f;
-  camera.model.prepare();
-  return camera;
-}
-
-ModelTrackerConfig config_of(const RenderedObject& object, const Camera& camera) {
-  ModelTrackerConfig config;
-  config.camera = camera;
-  config.model = object.model();
-  config.max_sites = 400;
-  return config;
-}
-
-RenderedObject box() {
-  RenderedObject object;
-  object.add_box(Vector3f::Zero(), Vector3f(0.2f, 0.15f, 0.1f));
-  return object;
-}
-
-// Turns and sways; t in frames.
-SE3 swaying(float t) {
-  Vector6f mu;
-  mu << 0, 0, 0, 0.5f + 0.012f * t, 0.5f - 0.01f * t, 0.004f * t;
-  SE3 T = SE3::exp(mu);
-  T.t = Vector3f(0.002f * t - 0.02f, 0.0015f * t - 0.02f, 0.55f - 0.002f * t);
-  return T;
-}
 
 // Mean distance of the projected bounding box' corners, pixels.
 double corner_error(const Camera& camera, const SE3& T, const SE3& truth) {
@@ -142,15 +112,65 @@ TEST(ModelTracker, ARollingShutterIsTakenIntoAccount) {
     TrackerInMemory tracker(config_of(object, told));
     EXPECT_TRUE(tracker->start(pose_at_time(0)).ok());
     double worst = 0;
+    float apart = 0;
     for (int i = 0; i < 8; ++i) {
       const float t = static_cast<float>(i) / 30;
       const ModelResult r = tracker.track(object.render(camera, [&](float dt) { return pose_at_time(t + dt); }));
       if (i >= 3) worst = std::max(worst, r.pose_valid ? corner_error(camera, r.T_co, pose_at_time(t)) : 1e3);
+      // Both are where the frame has them. By the end of its readout the box has moved by 8 px.
+      for (const ModelSite& site : r.sites)
+        if (i >= 3 && site.kind == SiteKind::kInlier) apart = std::max(apart, (site.px - site.model_px).norm());
     }
+    EXPECT_LT(apart, 4.5f);
     return worst;
   };
   EXPECT_LT(worst_error(camera), 0.4);
   EXPECT_GT(worst_error(small_camera()), 1.0) << "without being told of the shutter";
+}
+
+// Contours grow short, and later leave the image: neither is what a loss looks like.
+TEST(ModelTracker, FollowsABoxThatGoesAwayAndComesNear) {
+  const RenderedObject object = box();
+  const Camera camera = small_camera();
+  TrackerInMemory tracker(config_of(object, camera));
+  const auto pose = [](int i) {
+    SE3 T = swaying(4);
+    const float away = i < 80 ? static_cast<float>(i) / 80 : static_cast<float>(180 - i) / 100;
+    T.t = Vector3f(0.02f, 0.01f, 0.4f * std::pow(4.0f, away));
+    return T;
+  };
+  ASSERT_TRUE(tracker->start(pose(0)).ok());
+  float least = 1;
+  for (int i = 0; i < 215; ++i) {
+    const ModelResult r = tracker.track(object.render(camera, pose(i)));
+    ASSERT_TRUE(r.pose_valid) << i;
+    EXPECT_LT(corner_error(camera, r.T_co, pose(i)), i < 180 ? 0.8 : 2) << i;
+    if (i > 3) least = std::min(least, r.quality);
+  }
+  // At 1.6 units, 80 px large, a quarter of the contours is left: by their number alone quality would be under 0.3.
+  EXPECT_GT(least, 0.5f);
+}
+
+// A ball looks the same however it is turned.
+TEST(ModelTracker, TheCovarianceSaysWhatEdgesDoNotTell) {
+  RenderedObject object;
+  object.spheres.push_back({Vector3f::Zero(), 0.1f});
+  const Camera camera = small_camera();
+  const SE3 truth(Matrix3f::Identity(), Vector3f(0.02f, 0.03f, 0.6f));
+  TrackerInMemory tracker(config_of(object, camera));
+  ASSERT_TRUE(tracker->start(truth).ok());
+  ModelResult r;
+  for (int i = 0; i < 5; ++i) r = tracker.track(object.render(camera, truth));
+  ASSERT_TRUE(r.pose_valid);
+  // A turn about the ball's middle, half a radian by the prior of the covariance: of mu, it shifts the origin too.
+  const Vector3f c = truth.t;
+  for (int k = 0; k < 3; ++k) {
+    EXPECT_GT(std::sqrt(r.covariance(3 + k, 3 + k)), 0.3f) << k;
+    Vector6f shift = Vector6f::Zero();  // of the middle: mu_v + mu_w x c
+    shift(k) = 1;
+    shift.tail<3>() = c.cross(shift.head<3>());
+    EXPECT_LT(std::sqrt(shift.dot(r.covariance * shift)), 0.01f) << k;
+  }
 }
 
 TEST(ModelTracker, StartsFromARoughPose) {
@@ -169,6 +189,39 @@ TEST(ModelTracker, StartsFromARoughPose) {
     good += r.pose_valid && corner_error(camera, r.T_co, truth) < 1;
   }
   EXPECT_GE(good, trials * 9 / 10);
+}
+
+// Of a box any of the four turns that look alike may be found: judged by the edges, not the corners' names.
+TEST(ModelTracker, StartsAnywhere) {
+  test::Random random;
+  const RenderedObject object = box();
+  const Camera camera = small_camera();
+  const std::vector<uint8_t> plain(320 * 240, 128);
+  int good = 0, found = 0;
+  const int trials = test::trials(20);
+  for (int trial = 0; trial < trials; ++trial) {
+    const auto any = [&](double most) { return static_cast<float>(random.uniform(-most, most)); };
+    const Vector3f turn(any(2), any(2), any(2));
+    const float away = 0.55f + any(0.15);
+    const SE3 truth(so3_exp(turn), Vector3f(0.15f * away * any(1), 0.1f * away * any(1), away));
+    TrackerInMemory tracker(config_of(object, camera));
+    tracker->start_anywhere();
+    EXPECT_EQ(tracker.track(plain).state, ModelState::kLost);
+    const std::vector<uint8_t> image = object.render(camera, truth);
+    ModelResult r;
+    for (int i = 0; i < 3; ++i) r = tracker.track(image);
+    found += r.pose_valid;
+    double least = 1e3;
+    for (int k = 0; k < 4 && r.pose_valid; ++k) {  // half turns about the box' axes
+      Matrix3f half = Matrix3f::Identity();
+      for (int axis = 0; axis < 3; ++axis)
+        if (k > 0 && axis != k - 1) half(axis, axis) = -1;
+      least = std::min(least, corner_error(camera, r.T_co * SE3(half, Vector3f::Zero()), truth));
+    }
+    good += least < 2;
+  }
+  EXPECT_GE(good, trials * 8 / 10);
+  EXPECT_LE(found - good, trials / 10) << "wrong poses";
 }
 
 TEST(ModelTracker, StartsFromPoints) {
@@ -245,6 +298,11 @@ TEST(ModelTracker, APlainImageGivesNoPose) {
     EXPECT_FALSE(r.pose_valid);
     EXPECT_TRUE(r.status.ok());
   }
+  // The search goes on in all levels.
+  ModelResult r;
+  for (int i = 0; i < 3; ++i) r = tracker.track(object.render(camera, swaying(1)));
+  ASSERT_TRUE(r.pose_valid);
+  EXPECT_LT(corner_error(camera, r.T_co, swaying(1)), 0.3);
 }
 
 // The covariance is of the size of what noise does to the pose.

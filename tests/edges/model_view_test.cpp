@@ -119,6 +119,49 @@ TEST(ModelView, FewSitesAreSpreadOverAllContours) {
   EXPECT_GT(viewer.sites(T).size(), 35);
 }
 
+// A model of more contours than sites: some of all kinds and places get one.
+TEST(ModelView, FewerSitesThanContours) {
+  test::RenderedObject object = box();
+  std::vector<ModelLine> lines;
+  for (int i = 0; i < 300; ++i) {
+    const float x = 0.001f * static_cast<float>(i) - 0.15f;
+    object.points.emplace_back(x, -0.1f, 0.1f);
+    object.points.emplace_back(x, 0.1f, 0.1f);
+    lines.push_back({8 + 2 * i, 9 + 2 * i, 0});
+  }
+  object.faces.clear();
+  for (const float x : {-0.1f, 0.1f}) object.circles.push_back({Vector3f(x, 0, -0.1f), Vector3f(0, 0, -1), 0.1f});
+  ObjectModel model = object.model();
+  model.lines = lines;
+  Viewer viewer(model, vga_camera(), 60);
+  const std::set<int> seen = viewer.contours(pose(0, 0, 1));
+  EXPECT_LE(viewer.sites(pose(0, 0, 1)).size(), 60);
+  EXPECT_GT(viewer.sites(pose(0, 0, 1)).size(), 50);
+  EXPECT_LT(*seen.begin(), 20);
+  EXPECT_EQ(*seen.rbegin(), 301) << "the last circle";
+}
+
+// Of a circle that surrounds the image nearly, what is outside takes no sites from the others.
+TEST(ModelView, ACircleOutsideTheImageTakesNoSites) {
+  const SE3 T = pose(0.4f, 0.6f, 0.8f);
+  test::RenderedObject object = box();
+  Viewer alone(object.model(), vga_camera(), 200);
+  const int box_alone = alone.sites(T).size();
+  // Of a radius of 390 px; the image's corners are 400 px away.
+  object.circles.push_back({Vector3f::Zero(), T.R.transpose() * Vector3f(0, 0, -1), 0.52f});
+  Viewer viewer(object.model(), vga_camera(), 200);
+  int on_circle = 0;
+  for (const ContourSite& site : viewer.sites(T)) {
+    on_circle += site.contour == 12;
+    EXPECT_TRUE(vga_camera().in_image(site.px, 3));
+  }
+  EXPECT_GT(viewer.sites(T).size(), 140);
+  EXPECT_GT(viewer.sites(T).size() - on_circle, box_alone * 2 / 3);
+  object.circles[0].radius = 5;
+  Viewer around(object.model(), vga_camera(), 200);
+  EXPECT_EQ(around.sites(T).size(), box_alone) << "wholly outside";
+}
+
 // Every site is compared with a ray cast at it: what the ray meets first must not be nearer than the site.
 TEST(ModelView, HiddenSitesAreLeftOut) {
   test::RenderedObject object = box();
@@ -193,6 +236,12 @@ TEST(ModelView, ThresholdsLeaveOutWhatIsSmall) {
   Viewer viewer(object.model(), vga_camera());
   EXPECT_EQ(viewer.contours(pose(0, 0, 1)).size(), 4u);  // 126 x 95 px
   EXPECT_TRUE(viewer.contours(pose(0, 0, 3)).empty());   // 41 x 31 px
+  test::RenderedObject round;
+  round.spheres.push_back({Vector3f::Zero(), 0.05f, 2500});
+  round.circles.push_back({Vector3f(0.2f, 0, 0), Vector3f(0, 0, -1), 0.05f, false, 2500});
+  Viewer other(round.model(), vga_camera());
+  EXPECT_EQ(other.contours(pose(0, 0, 1)).size(), 2u);    // 2827 px^2
+  EXPECT_TRUE(other.contours(pose(0, 0, 1.1f)).empty());  // 2340 px^2
 }
 
 }  // namespace

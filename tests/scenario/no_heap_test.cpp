@@ -6,6 +6,8 @@
 #include <new>
 
 #include "tests/support/recording.h"
+#include "tests/support/rendered_object.h"
+#include "tests/support/tracker_in_memory.h"
 
 namespace {
 long allocations = 0;
@@ -109,6 +111,40 @@ TEST(NoHeap, TrackingAndMappingAllocateNothing) {
   void* volatile block = std::malloc(10);
   std::free(block);
   EXPECT_EQ(allocations - before - during, 3);
+}
+
+// The model-based tracker: started, followed, lost, and found again.
+TEST(NoHeap, AKnownObjectIsTrackedWithoutAllocations) {
+  const test::RenderedObject object = test::box();
+  test::TrackerInMemory tracker(test::config_of(object, test::small_camera()));
+  std::vector<std::vector<uint8_t>> images;
+  for (int i = 0; i < 6; ++i)
+    images.push_back(object.render(test::small_camera(), test::swaying(static_cast<float>(i))));
+  images.emplace_back(320 * 240, uint8_t{90});
+  const std::vector<int> shown = {0, 1, 2, 3, 4, 5, 6, 6, 6, 6, 6, 5, 5, 5, 5};
+  std::vector<Vector3f> points;
+  std::vector<Vector2f> px;
+  for (const size_t corner : {size_t{0}, size_t{1}, size_t{3}, size_t{6}}) {
+    points.push_back(object.points[corner]);
+    px.emplace_back();
+    ASSERT_TRUE(test::small_camera().project(test::swaying(0) * points.back(), &px.back()));
+  }
+  const long before = allocations;
+  const bool started = tracker->start(points, px).ok();
+  int poses = 0, lost = 0;
+  bool back = false;
+  for (const int i : shown) {
+    const ModelResult r = tracker.track(images[static_cast<size_t>(i)]);
+    poses += r.pose_valid;
+    lost += r.state == ModelState::kLost;
+    back = r.pose_valid;
+  }
+  const long during = allocations - before;
+  EXPECT_EQ(during, 0);
+  EXPECT_TRUE(started);
+  EXPECT_GE(poses, 6);
+  EXPECT_GT(lost, 0) << "the restart must have worked, too";
+  EXPECT_TRUE(back);
 }
 
 }  // namespace

@@ -133,4 +133,39 @@ struct RenderedObject {
   }
 };
 
+// A camera of 320x240 pixels, and a box of 0.2 x 0.15 x 0.1 about the origin.
+inline Camera small_camera() {
+  Camera camera;
+  camera.model.width = 320;
+  camera.model.height = 240;
+  camera.model.fx = camera.model.fy = 320;
+  camera.model.cx = 159.5f;
+  camera.model.cy = 119.5f;
+  camera.model.prepare();
+  return camera;
+}
+
+inline RenderedObject box() {
+  RenderedObject object;
+  object.add_box(Vector3f::Zero(), Vector3f(0.2f, 0.15f, 0.1f));
+  return object;
+}
+
+inline ModelTrackerConfig config_of(const RenderedObject& object, const Camera& camera) {
+  ModelTrackerConfig config;
+  config.camera = camera;
+  config.model = object.model();
+  config.max_sites = 400;
+  return config;
+}
+
+// In front of the camera, turning and swaying; t in frames.
+inline SE3 swaying(float t) {
+  Vector6f mu;
+  mu << 0, 0, 0, 0.5f + 0.012f * t, 0.5f - 0.01f * t, 0.004f * t;
+  SE3 T = SE3::exp(mu);
+  T.t = Vector3f(0.002f * t - 0.02f, 0.0015f * t - 0.02f, 0.55f - 0.002f * t);
+  return T;
+}
+
 }  // namespace pptam::test
