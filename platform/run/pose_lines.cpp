@@ -97,6 +97,8 @@ bool PoseLines::add(const TrackResult& result, int64_t arrived_ns) {
   std::string line;
   if (format_ == PoseFormat::kTum) {
     line = tum_line(result);
+    if (result.pose_valid && map_ != 0 && result.map != map_) line = platform::format("# map %d\n", result.map) + line;
+    if (result.pose_valid) map_ = result.map;
   } else {
     line = json_line(result, arrived_ns == 0 ? -1 : saturated_difference(SteadyClock().now_ns(), arrived_ns));
   }

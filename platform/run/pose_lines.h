@@ -24,7 +24,7 @@ class PoseLines {
   PoseLines(const PoseLines&) = delete;
   PoseLines& operator=(const PoseLines&) = delete;
 
-  // TUM: frames with a pose only. JSON: every frame. arrived_ns: when the frame's last line was there, by
+  // TUM: frames with a pose only, and a comment "# map 2" before the first one in another map. JSON: every frame. arrived_ns: when the frame's last line was there, by
   // CLOCK_MONOTONIC; 0: unknown. False: the reader has gone, or the disk is full (trouble()).
   bool add(const TrackResult& result, int64_t arrived_ns);
   int64_t left_out() const { return left_out_; }
@@ -39,6 +39,7 @@ class PoseLines {
   Kind kind_;
   int fd_;
   std::string path_;
+  int map_ = 0;  // of the last pose
   int64_t left_out_ = 0;
   std::string trouble_;
 };
