@@ -636,6 +636,28 @@ TEST(PoseLinesOf, TumAndJson) {
   EXPECT_FALSE(holds(json_line(lost, -1), "\"p\""));
 }
 
+// A pose in another map is in another world: the lines say so.
+TEST(PoseLinesOf, AnotherMapIsTold) {
+  int ends[2] = {};
+  ASSERT_EQ(::pipe(ends), 0);
+  {
+    const auto lines = PoseLines::to_descriptor(PoseFormat::kTum, ends[1]);
+    for (const int map : {1, 1, 2, 1}) {
+      TrackResult result = a_pose();
+      result.map = map;
+      EXPECT_TRUE(lines->add(result, 0));
+    }
+  }
+  char text[1024] = {};
+  ASSERT_GT(::read(ends[0], text, sizeof text - 1), 0);
+  ::close(ends[0]);
+  const std::string line = tum_line(a_pose());
+  EXPECT_EQ(std::string(text), line + line + "# map 2\n" + line + "# map 1\n" + line);
+  TrackResult second = a_pose();
+  second.map = 2;
+  EXPECT_TRUE(holds(json_line(second, -1), "\"map\":2"));
+}
+
 TEST_F(Live, UdpGoesToThisComputerOnly) {
   const int receiver = ::socket(AF_INET, SOCK_DGRAM, 0);
   sockaddr_in address = {};
