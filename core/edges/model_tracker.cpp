@@ -21,7 +21,7 @@ constexpr int kFirstRange = 8, kNearRange = 5;
 constexpr float kWeak = 0.3f, kBelieved = 0.55f;
 constexpr int kWeakFrames = 3;          // in a row: lost
 constexpr float kStartQuality = 0.25f;  // of a start: half of the contours have an edge, whatever it looks like
-constexpr float kFoundQuality = 0.5f;   // the same of a pose that nothing was known of. Not swept
+constexpr float kFoundQuality = 0.65f;  // the same of a pose that nothing was known of. Not swept
 constexpr float kUsual = 0.7f;          // quality of a good frame, before there was one
 // Share of a frame in what is usual: of better ones, and of worse ones, because what hides an object is not usual.
 constexpr float kAdopt = 0.3f, kDecline = 0.002f;

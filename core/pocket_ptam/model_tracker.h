@@ -165,7 +165,8 @@ class ModelTracker {
   Status start(std::span<const Vector3f> points_o, std::span<const Vector2f> px);
   // The object is wholly in view in one of the next frames, larger than a quarter of the image's shorter side; nothing
   // else is known of it. Each frame is searched until one shows it, as states kLost, at a cost of hundreds of millions
-  // of instructions. Its edges must stand out from what is behind it, and of views that are alike any may be taken.
+  // of instructions. What is behind it must be plain: before clutter it is often found wrongly or not at all. Of views
+  // that are alike any may be taken.
   void start_anywhere();
   void reset();  // waits for start()
 

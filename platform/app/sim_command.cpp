@@ -363,7 +363,7 @@ class SimCommand {
   }
 
   int track_model(platform::Camera& camera, const sim::Scene& scene) const {
-    if (!output_.out.empty() || output_.show.where != DisplayChoice::kNone)
+    if (!output_.out.empty() || output_.show.where != DisplayChoice::kNowhere)
       throw InputError("--story " + chosen_.phone.story +
                        ": is judged only; for pictures --dump it and give it to pocket-ptam model");
     const laboratory::ModelJudgement judged = laboratory::judge_model_run(camera, scene.model);
