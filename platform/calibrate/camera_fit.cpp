@@ -34,7 +34,7 @@ constexpr double kReadoutStep = 1.0 / 16;      // frame intervals between the th
 constexpr double kFocalStep = 0.03;            // likewise, of the logarithm of the focal length
 constexpr double kMaxFocal = 4;                // times the model's, or one over that
 constexpr double kMaxReadoutSigma_s = 0.0015;  // beyond, the clip does not tell
-constexpr double kMaxFocalSigma = 0.03;        // likewise, relative
+constexpr double kMaxFocalSigma = 0.04;        // likewise, relative
 // Standard deviations that the jackknife does not see: motion between frames is not quite a polynomial, patches are
 // found with a bias, and a real lens distorts. In emulated clips errors are up to 3 ms and 0.6 %; in three real ones
 // the focal length is 3 to 10 % off the published calibration.

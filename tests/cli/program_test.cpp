@@ -454,7 +454,7 @@ TEST_F(Program, SavedMapsAreLoadedShownAndExported) {
 
   const Answer info = run("map info desk.map");
   EXPECT_EQ(info.code, 0) << info.err;
-  for (const char* part : {"version 2", "checksum", "240x320", "columns:-:0.06", "keyframes", "points", "px, median"})
+  for (const char* part : {"version 3", "checksum", "240x320", "columns:-:0.06", "keyframes", "points", "px, median"})
     EXPECT_TRUE(contains(info.out, part)) << part << "\n" << info.out;
 
   const Answer exported = run("map export desk.map --ply desk.ply --colmap colmap");
