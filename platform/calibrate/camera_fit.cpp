@@ -30,14 +30,15 @@ constexpr size_t kMinPoints = 15;
 constexpr double kTukeyCutoff = 4.685;  // in robust sigmas
 constexpr double kMinSigma_px = 0.05;   // of a residual, relative to its level's
 constexpr int kSteps = 4;               // of the readouts tried in either direction, up to the time between two frames
-constexpr double kReadoutStep = 1.0 / 16;      // frame intervals between the three trials that tell the minimum
-constexpr double kFocalStep = 0.03;            // likewise, of the logarithm of the focal length
+constexpr double kReadoutStep = 1.0 / 16;  // frame intervals between the three trials that tell the minimum
+constexpr double kCorrelated = 3;  // times the standard deviation of independent residuals: a patch errs alike for long
+constexpr double kFocalStep = 0.03;            // between the trials of a curve, of the logarithm of the focal length
 constexpr double kMaxFocal = 4;                // times the model's, or one over that
 constexpr double kMaxReadoutSigma_s = 0.0015;  // beyond, the clip does not tell
 constexpr double kMaxFocalSigma = 0.04;        // likewise, relative
-// Standard deviations that the jackknife does not see: motion between frames is not quite a polynomial, patches are
-// found with a bias, and a real lens distorts. In emulated clips errors are up to 3 ms and 0.6 %; in three real ones
-// the focal length is 3 to 10 % off the published calibration.
+// Standard deviations that neither sees, jackknife nor covariance: motion between frames is not quite a polynomial,
+// patches are found with a bias, and a real lens distorts. In emulated clips errors are up to 3 ms and 0.6 %; in three
+// real ones the focal length is 3 to 10 % off the published calibration.
 constexpr double kUnseenReadoutSigma_s = 0.0005, kUnseenFocalSigma = 0.02;
 constexpr double kSure = 3;             // standard deviations, by which a readout that is smaller may be none
 constexpr int kFewPoints = 60;          // for what is looked at after every run
@@ -183,6 +184,20 @@ class Adjustment {
       }
     }
     return cost;
+  }
+
+  // Standard deviation of the logarithm of the focal length, the only or first of the unknowns, were the residuals
+  // independent.
+  double log_focal_sigma(const State& state, const Unknown& unknown) {
+    constexpr double kHardly = 1e-7;  // damping: position, attitude and size of the whole are free
+    linearise(state, unknown, kHardly);
+    S_.diagonal() *= 1 + kHardly;
+    S_.diagonal().array() += 1e-9;
+    const Index focal = S_.rows() - unknown.count();
+    VectorXd unit = VectorXd::Zero(S_.rows());
+    unit[focal] = 1;
+    const VectorXd column = S_.selfadjointView<Eigen::Lower>().llt().solve(unit);
+    return sigma_ * std::sqrt(column[focal]);
   }
 
  private:
@@ -528,11 +543,9 @@ class Fit {
       }
     }
     if (options_.focal) {
-      const Attempt low = at_focal(best.state, -kFocalStep), high = at_focal(best.state, kFocalStep);
-      const Minimum minimum =
-          jackknifed_minimum(low.costs, best.costs, high.costs, best.state.log_focal, kFocalStep, std::log(kMaxFocal));
-      fit->focal.value = std::exp(minimum.at);
-      fit->focal.sigma = fit->focal.value * std::hypot(minimum.sigma, kUnseenFocalSigma);
+      fit->focal.value = std::exp(best.state.log_focal);
+      const double sigma = adjustment_.log_focal_sigma(best.state, {true, options_.readout});
+      fit->focal.sigma = fit->focal.value * std::hypot(kCorrelated * sigma, kUnseenFocalSigma);
       judge_focal(fit);
       if (options_.curves) draw_focals(best, fit);
     }

@@ -4,7 +4,8 @@
 // found by their patches. For a focal length and a readout assumed, all poses and points are adjusted to one fixed set
 // of them (bundle adjustment; the frames are eliminated, since they outnumber the points), each line being seen from
 // where the camera was at its time: the polynomial through the poses of the frames before and after. What fits best is
-// it, and leaving out a tenth of the clip at a time tells how far it can be trusted (jackknife).
+// it. How far a readout can be trusted is told by leaving out a tenth of the clip at a time (jackknife), a focal length
+// by the least squares' own covariance.
 #pragma once
 
 #include <Eigen/Core>
