@@ -32,7 +32,7 @@ using namespace platform;
 using Axis = RollingShutter::Axis;
 
 constexpr double kGuessedFov_degrees = 60;  // where nothing is known and it is to be found
-const std::vector<std::string> kOutputs = {"report.html"};
+const std::vector<std::string> kReadoutOutputs = {"report.html"};
 
 struct ReadoutChoice {
   RecordingInput input;
@@ -143,7 +143,7 @@ int find_camera(const ReadoutChoice& chosen, const std::string& command_line) {
       if (same_place(images, chosen.out))
         throw InputError("--out " + chosen.out + ": the recording's images are there, name another folder");
     }
-    folder.emplace(chosen.out, "--out", kOutputs, knowledge.inputs);
+    folder.emplace(chosen.out, "--out", kReadoutOutputs, knowledge.inputs);
   }
   stop_on_signals();
   CameraFitOptions options;

@@ -22,32 +22,32 @@ using Eigen::VectorXd;
 using Matrix6d = Eigen::Matrix<double, 6, 6>;
 using Vector6d = Eigen::Matrix<double, 6, 1>;
 
-constexpr size_t kReach = 2;       // neighbours on either side that tell the motion: a polynomial of degree four
-constexpr double kMaxGap = 2.5;    // frame intervals between neighbours
-constexpr size_t kMinSeen = 10;    // points of a frame that takes part
-constexpr size_t kMinFrames = 30;  // that take part: three for each block of the jackknife
+constexpr size_t kTrackReach = 2;        // neighbours on either side that tell the motion: a polynomial of degree four
+constexpr double kMaxTrackGap = 2.5;     // frame intervals between neighbours
+constexpr size_t kMinSeen = 10;          // points of a frame that takes part
+constexpr size_t kMinTrackedViews = 30;  // that take part: three for each block of the jackknife
 constexpr size_t kMinPoints = 15;
 constexpr double kTukeyCutoff = 4.685;  // in robust sigmas
 constexpr double kMinSigma_px = 0.05;   // of a residual, relative to its level's
-constexpr int kSteps = 4;               // of the readouts tried in either direction, up to the time between two frames
+constexpr int kReadoutTries = 4;        // of the readouts tried in either direction, up to the time between two frames
 constexpr double kReadoutStep = 1.0 / 16;  // frame intervals between the three trials that tell the minimum
 constexpr double kCorrelated = 3;  // times the standard deviation of independent residuals: a patch errs alike for long
-constexpr double kFocalStep = 0.03;            // between the trials of a curve, of the logarithm of the focal length
-constexpr double kMaxFocal = 4;                // times the model's, or one over that
-constexpr double kMaxReadoutSigma_s = 0.0015;  // beyond, the clip does not tell
-constexpr double kMaxFocalSigma = 0.04;        // likewise, relative
+constexpr double kFocalStep = 0.03;              // between the trials of a curve, of the logarithm of the focal length
+constexpr double kMaxFocal = 4;                  // times the model's, or one over that
+constexpr double kMaxReadoutSigma_s = 0.0015;    // beyond, the clip does not tell
+constexpr double kMaxRelativeFocalSigma = 0.04;  // likewise, relative
 // Standard deviations that neither sees, jackknife nor covariance: motion between frames is not quite a polynomial,
 // patches are found with a bias, and a real lens distorts. In emulated clips errors are up to 3 ms and 0.6 %; in three
 // real ones the focal length is 3 to 10 % off the published calibration.
 constexpr double kUnseenReadoutSigma_s = 0.0005, kUnseenFocalSigma = 0.02;
-constexpr double kSure = 3;             // standard deviations, by which a readout that is smaller may be none
+constexpr double kSureOfReadout = 3;    // standard deviations, by which a readout that is smaller may be none
 constexpr int kFewPoints = 60;          // for what is looked at after every run
 constexpr double kDoubtedFocal = 0.12;  // relative change of the focal length that is worth saying
 constexpr double kDoubted_s = 0.005;    // likewise, of the readout
 constexpr double kDoubtSure = 4;        // standard deviations from what was assumed, to say so
 constexpr double kMaxOtherGain = 0.7;   // of the better axis' gain over a global shutter, explained by the other one
 
-constexpr const char* kHowToMove =
+constexpr const char* kHowToFilm =
     "look at a scene with depth, move the camera to and fro quickly and turn it to all sides, for ten seconds or more";
 
 struct Seen {
@@ -75,17 +75,6 @@ struct Unknown {
   bool focal = false, readout = false;
   Index count() const { return (focal ? 1 : 0) + (readout ? 1 : 0); }
 };
-
-double median_of(std::vector<double> values) {
-  std::nth_element(values.begin(), values.begin() + static_cast<ptrdiff_t>(values.size() / 2), values.end());
-  return values[values.size() / 2];
-}
-
-double sum_of(const std::vector<double>& values) {
-  double sum = 0;
-  for (const double value : values) sum += value;
-  return sum;
-}
 
 // A residual with its derivatives.
 struct Residual {
@@ -224,13 +213,13 @@ class Adjustment {
     if (steps.empty()) return;
     interval_s_ = median_of(steps);
     const auto follows = [&](size_t i) {
-      return steps[i - 1] > 0.2 * interval_s_ && steps[i - 1] < kMaxGap * interval_s_;
+      return steps[i - 1] > 0.2 * interval_s_ && steps[i - 1] < kMaxTrackGap * interval_s_;
     };
     std::vector<bool> linked(views_.size());
     for (size_t i = 0; i < views_.size(); ++i) {
       std::vector<size_t> before, after;
-      for (size_t k = i; k > 0 && before.size() < kReach && follows(k); --k) before.push_back(k - 1);
-      for (size_t k = i + 1; k < views_.size() && after.size() < kReach && follows(k); ++k) after.push_back(k);
+      for (size_t k = i; k > 0 && before.size() < kTrackReach && follows(k); --k) before.push_back(k - 1);
+      for (size_t k = i + 1; k < views_.size() && after.size() < kTrackReach && follows(k); ++k) after.push_back(k);
       // At the end of a row of frames the motion would be extrapolated: its lines are all at its own time.
       if (before.empty() || after.empty()) continue;
       views_[i].near = std::move(before);
@@ -505,8 +494,8 @@ class Fit {
     Attempt best = attempt(from, {options_.focal, false}, kTrialSteps);
     for (const int direction : {-1, 1}) {
       State last = from;
-      for (int i = 1; i <= kSteps; ++i) {
-        Attempt tried = at_readout(last, direction * i * adjustment_.interval_s() / kSteps);
+      for (int i = 1; i <= kReadoutTries; ++i) {
+        Attempt tried = at_readout(last, direction * i * adjustment_.interval_s() / kReadoutTries);
         last = tried.state;
         if (tried.cost < best.cost) best = std::move(tried);
       }
@@ -558,12 +547,12 @@ class Fit {
 
   void judge_readout(const std::vector<Attempt>& bests, double global_cost, CameraFit* fit) const {
     CameraFit::Estimate& readout = fit->readout_s;
-    const bool perhaps_global = std::abs(readout.value) < kSure * readout.sigma;
+    const bool perhaps_global = std::abs(readout.value) < kSureOfReadout * readout.sigma;
     fit->global = perhaps_global && readout.sigma <= kMaxReadoutSigma_s;
     const double interval_s = adjustment_.interval_s();
     if (!(readout.sigma <= kMaxReadoutSigma_s)) {
-      readout.trouble = format("it leaves it uncertain by %.1f ms. To tell, ", 1000 * readout.sigma) + kHowToMove;
-    } else if (std::abs(readout.value) > interval_s + kSure * readout.sigma) {
+      readout.trouble = format("it leaves it uncertain by %.1f ms. To tell, ", 1000 * readout.sigma) + kHowToFilm;
+    } else if (std::abs(readout.value) > interval_s + kSureOfReadout * readout.sigma) {
       readout.trouble = format(
           "%.1f ms fit best, more than the %.1f ms between two frames: are the frames' times "
           "right (--fps)?",
@@ -577,8 +566,8 @@ class Fit {
   void judge_focal(CameraFit* fit) const {
     CameraFit::Estimate& focal = fit->focal;
     const double relative = focal.sigma / focal.value;
-    if (!(relative <= kMaxFocalSigma))
-      focal.trouble = format("it leaves it uncertain by %.1f %%. To tell, ", 100 * relative) + kHowToMove;
+    if (!(relative <= kMaxRelativeFocalSigma))
+      focal.trouble = format("it leaves it uncertain by %.1f %%. To tell, ", 100 * relative) + kHowToFilm;
   }
 
   void draw_readouts(const Attempt& best, CameraFit* fit) {
@@ -590,9 +579,9 @@ class Fit {
     keep(best);
     for (const int direction : {-1, 1}) {
       State last = best.state;
-      const double first = std::ceil(direction * best.state.readout_s / interval_s * 2 * kSteps + 0.01);
-      for (int i = static_cast<int>(first); i <= 2 * kSteps; ++i) {
-        const Attempt tried = at_readout(last, direction * i * interval_s / (2 * kSteps));
+      const double first = std::ceil(direction * best.state.readout_s / interval_s * 2 * kReadoutTries + 0.01);
+      for (int i = static_cast<int>(first); i <= 2 * kReadoutTries; ++i) {
+        const Attempt tried = at_readout(last, direction * i * interval_s / (2 * kReadoutTries));
         keep(tried);
         last = tried.state;
       }
@@ -610,7 +599,7 @@ class Fit {
     fit->focals.push_back(trial(best));
     for (const int direction : {-1, 1}) {
       State last = best.state;
-      for (int i = 1; i <= 2 * kSteps; ++i) {
+      for (int i = 1; i <= 2 * kReadoutTries; ++i) {
         const Attempt tried = at_focal(last, direction * kFocalStep);
         fit->focals.push_back(trial(tried));
         last = tried.state;
@@ -654,10 +643,10 @@ CameraFit fit_camera(const PointTracks& tracks, const CameraModel& model, const 
   fit.frames = static_cast<int>(adjustment.views());
   fit.points = static_cast<int>(adjustment.points());
   fit.interval_s = adjustment.interval_s();
-  if (adjustment.views() < kMinFrames || adjustment.points() < kMinPoints) {
+  if (adjustment.views() < kMinTrackedViews || adjustment.points() < kMinPoints) {
     fit.trouble = format("%d frames with %d points were tracked, too few to tell anything of the camera: ", fit.frames,
                          fit.points) +
-                  kHowToMove;
+                  kHowToFilm;
     return fit;
   }
   Fit(&adjustment, shutter, model, options).run(&fit);
@@ -673,7 +662,7 @@ CameraDoubts doubt_camera(const PointTracks& tracks, const CameraModel& model, c
   CameraModel prepared = model;
   prepared.prepare();
   Adjustment adjustment(tracks, prepared, options.max_points);
-  if (adjustment.views() < kMinFrames || adjustment.points() < kMinPoints) return doubts;
+  if (adjustment.views() < kMinTrackedViews || adjustment.points() < kMinPoints) return doubts;
   if (Fit(&adjustment, shutter, prepared, options).stays(0.5 * kDoubted_s, 0.5 * kDoubtedFocal)) return doubts;
   doubts.fit = fit_camera(tracks, model, shutter, options);
   const CameraFit& fit = doubts.fit;

@@ -11,6 +11,18 @@ namespace pptam::platform {
 
 constexpr int kJackknifeBlocks = 10;
 
+inline double sum_of(const std::vector<double>& values) {
+  double sum = 0;
+  for (const double value : values) sum += value;
+  return sum;
+}
+
+// Of one value or more.
+inline double median_of(std::vector<double> values) {
+  std::nth_element(values.begin(), values.begin() + static_cast<ptrdiff_t>(values.size() / 2), values.end());
+  return values[values.size() / 2];
+}
+
 // Mean of the values but those of a block left out. block -1: of all.
 inline double mean_without(const std::vector<double>& values, int block) {
   double sum = 0, count = 0;

@@ -168,17 +168,6 @@ class Clip {
   double interval_s_ = 0;
 };
 
-double sum_of(const std::vector<double>& values) {
-  double sum = 0;
-  for (const double value : values) sum += value;
-  return sum;
-}
-
-double median_of(std::vector<double> values) {
-  std::nth_element(values.begin(), values.begin() + static_cast<ptrdiff_t>(values.size() / 2), values.end());
-  return values[values.size() / 2];
-}
-
 std::vector<double> capped(std::vector<double> values, double most) {
   for (double& value : values) value = std::min(value, most);
   return values;

@@ -24,8 +24,9 @@ class PoseLines {
   PoseLines(const PoseLines&) = delete;
   PoseLines& operator=(const PoseLines&) = delete;
 
-  // TUM: frames with a pose only, and a comment "# map 2" before the first one in another map. JSON: every frame. arrived_ns: when the frame's last line was there, by
-  // CLOCK_MONOTONIC; 0: unknown. False: the reader has gone, or the disk is full (trouble()).
+  // TUM: frames with a pose only, and a comment "# map 2" before the first one in another map. JSON: every frame.
+  // arrived_ns: when the frame's last line was there, by CLOCK_MONOTONIC; 0: unknown. False: the reader has gone, or
+  // the disk is full (trouble()).
   bool add(const TrackResult& result, int64_t arrived_ns);
   int64_t left_out() const { return left_out_; }
   const std::string& trouble() const { return trouble_; }
