@@ -198,6 +198,7 @@ class Adjustment {
       }
     }
     std::vector<std::pair<int, uint32_t>> order;  // most often seen first
+    order.reserve(sightings.size());
     for (const auto& [id, count] : sightings) order.emplace_back(-count, id);
     std::sort(order.begin(), order.end());
     if (order.size() > static_cast<size_t>(max_points)) order.resize(static_cast<size_t>(max_points));
