@@ -664,7 +664,8 @@ CameraDoubts doubt_camera(const PointTracks& tracks, const CameraModel& model, c
   prepared.prepare();
   Adjustment adjustment(tracks, prepared, options.max_points);
   if (adjustment.views() < kMinTrackedViews || adjustment.points() < kMinPoints) return doubts;
-  if (Fit(&adjustment, shutter, prepared, options).stays(0.5 * kDoubted_s, 0.5 * kDoubtedFocal)) return doubts;
+  if (Fit(&adjustment, shutter, prepared, options).stays(0.5 * kDoubted_s, 0.2 * kDoubtedFocal)) return doubts;
+  options.max_points = CameraFitOptions().max_points;
   doubts.fit = fit_camera(tracks, model, shutter, options);
   const CameraFit& fit = doubts.fit;
   if (!fit.trouble.empty()) return doubts;
