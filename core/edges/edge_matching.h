@@ -96,7 +96,7 @@ class EdgeMatching {
   // By contour and bucket, the first also by level.
   FixedVector<SiteMemory> memory_;
   FixedVector<uint8_t> supported_;  // in the last report
-  float usual_length_ = 0;          // shown_length() of certain frames
+  float usual_length_ = 0;          // shown_length() of frames with a pose: nearly the most
 
   // The frame.
   Pyramid pyramid_;

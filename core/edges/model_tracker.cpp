@@ -85,10 +85,12 @@ class PoseSearch {
     const Vector3f c = T * matching_.parts().middle();
     add(SE3(orthonormalised(R * T.R), R * (T.t - c) + c));
   }
-  // The best of them, or what is known already.
-  Hypothesis best(const Hypothesis& known) {
+  // The best of them, or what is known already. own_priors: each is refined about itself, where they have nothing in
+  // common; otherwise by the prior that is set.
+  Hypothesis best(const Hypothesis& known, bool own_priors = false) {
     Hypothesis best;
     for (int i = 0; i < count_; ++i) {
+      if (own_priors) matching_.set_prior({kept_[i].T});
       Hypothesis tried = matching_.refine(kept_[i].T, matching_.coarsest(), kNearRange);
       tried = matching_.refine(tried.T_co, finer_level(), kNearRange);
       if (tried.fit.ok && tried.quality > best.quality) best = tried;
@@ -248,8 +250,9 @@ Hypothesis ModelTracker::Impl::start_anywhere() {
     matching.set_prior({T});
     search.add(T);
   }
-  Hypothesis found = search.best({});
+  Hypothesis found = search.best({}, true);
   found.fit.ok = found.fit.ok && found.quality >= kFoundQuality;
+  matching.set_prior({found.T_co});
   if (found.fit.ok) begin_at(found.T_co);
   return found;
 }

@@ -82,7 +82,8 @@ struct ObjectModel {
   Status validate() const;
 };
 
-// What of [vvs] can be done otherwise, to be compared (pocket-ptam sim --study model). As it stands is best.
+// What of [vvs] can be done otherwise, to be compared (pocket-ptam sim --study model). As it stands no story fails;
+// single ones are better otherwise (tests/MEASURED.md).
 struct ModelMethod {
   bool no_weights = false;         // D = I in eq. 7: the strongest edges, whatever a site has shown, count all alike
   float likelihood_threshold = 0;  // over 0: edges that are at least so likely count alike, instead of by eq. 24

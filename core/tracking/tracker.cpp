@@ -15,8 +15,8 @@ constexpr int kBadFramesUntilLost = 3;
 // reported. Fewer accept wrong poses, which corrupt the map. Not swept.
 constexpr int kFramesToConfirm = 2;
 
-// Seconds for which the camera is lost before a new map begins (Config::auto_start). In emulated losses the camera is
-// found again within 1.2 s wherever it looks at what it knows. Not swept.
+// Seconds for which the camera is lost before a new map begins (Config::auto_start): a view that the map knows is found
+// again within one (tests/MEASURED.md). Not swept.
 constexpr float kNewMapAfter_s = 3.0f;
 // Frames between two looks at a map that is set aside: each costs up to as much as a tracked frame. In three of four
 // frames a start has the time for itself. Not swept.

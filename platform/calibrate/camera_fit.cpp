@@ -3,7 +3,6 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
-#include <iterator>
 #include <utility>
 
 #include "platform/calibrate/jackknife.h"
@@ -37,8 +36,8 @@ constexpr double kMaxFocal = 4;                  // times the model's, or one ov
 constexpr double kMaxReadoutSigma_s = 0.0015;    // beyond, the clip does not tell
 constexpr double kMaxRelativeFocalSigma = 0.04;  // likewise, relative
 // Standard deviations that neither sees, jackknife nor covariance: motion between frames is not quite a polynomial,
-// patches are found with a bias, and a real lens distorts. In emulated clips errors are up to 3 ms and 0.6 %; in three
-// real ones the focal length is 3 to 10 % off the published calibration.
+// patches are found with a bias, and a real lens distorts. In emulated clips errors are up to 3.2 ms and 0.6 %; in
+// three real ones the focal length is 2 to 10 % off the published calibration.
 constexpr double kUnseenReadoutSigma_s = 0.0005, kUnseenFocalSigma = 0.02;
 constexpr double kSureOfReadout = 3;    // standard deviations, by which a readout that is smaller may be none
 constexpr int kFewPoints = 60;          // for what is looked at after every run
@@ -216,7 +215,6 @@ class Adjustment {
     const auto follows = [&](size_t i) {
       return steps[i - 1] > 0.2 * interval_s_ && steps[i - 1] < kMaxTrackGap * interval_s_;
     };
-    std::vector<bool> linked(views_.size());
     for (size_t i = 0; i < views_.size(); ++i) {
       std::vector<size_t> before, after;
       for (size_t k = i; k > 0 && before.size() < kTrackReach && follows(k); --k) before.push_back(k - 1);
@@ -417,8 +415,7 @@ class Fit {
   Fit(Adjustment* adjustment, const RollingShutter& shutter, const CameraModel& model, const CameraFitOptions& options)
       : adjustment_(*adjustment), options_(options), start_(adjustment->start()) {
     start_.axis = shutter.axis;
-    const int lines = shutter.axis == Axis::kColumns ? model.width : model.height;
-    start_.readout_s = static_cast<double>(shutter.line_time_s) * lines;
+    start_.readout_s = readout_of(shutter, model);
     adjustment_.set_sigma(start_);
     adjustment_.adjust(&start_, {options.focal, false}, kFirstSteps, true);
   }
@@ -517,7 +514,6 @@ class Fit {
     fit->axis = best.state.axis;
     fit->rms_px = rms_px(best.cost);
     fit->focal.value = std::exp(best.state.log_focal);
-    fit->readout_s.value = best.state.readout_s;
     if (options_.readout) {
       const double step_s = kReadoutStep * adjustment_.interval_s();
       const Attempt low = at_readout(best.state, best.state.readout_s - step_s),
@@ -533,7 +529,6 @@ class Fit {
       }
     }
     if (options_.focal) {
-      fit->focal.value = std::exp(best.state.log_focal);
       const double sigma = adjustment_.log_focal_sigma(best.state, {true, options_.readout});
       fit->focal.sigma = fit->focal.value * std::hypot(kCorrelated * sigma, kUnseenFocalSigma);
       judge_focal(fit);
@@ -635,6 +630,15 @@ void PointTracks::finish(std::span<const MapPointInfo> map_points) {
   for (const MapPointInfo& point : map_points) points[point.id] = point.p_w.cast<double>();
 }
 
+double readout_of(const RollingShutter& shutter, const CameraModel& model) {
+  return static_cast<double>(shutter.line_time_s) * (shutter.axis == Axis::kColumns ? model.width : model.height);
+}
+
+double readout_change_s(const CameraFit& fit, double assumed_s, Axis assumed_axis) {
+  const double found_s = fit.global ? 0 : fit.readout_s.value;
+  return fit.axis == assumed_axis ? std::abs(found_s - assumed_s) : std::max(std::abs(found_s), std::abs(assumed_s));
+}
+
 CameraFit fit_camera(const PointTracks& tracks, const CameraModel& model, const RollingShutter& shutter,
                      const CameraFitOptions& options) {
   CameraFit fit;
@@ -672,11 +676,7 @@ CameraDoubts doubt_camera(const PointTracks& tracks, const CameraModel& model, c
   const double log_focal = std::log(fit.focal.value);
   doubts.focal = fit.focal.trouble.empty() && std::abs(log_focal) > kDoubtedFocal &&
                  std::abs(log_focal) > kDoubtSure * fit.focal.sigma / fit.focal.value;
-  const double assumed_s =
-      static_cast<double>(shutter.line_time_s) * (shutter.axis == Axis::kColumns ? model.width : model.height);
-  const double found_s = fit.global ? 0 : fit.readout_s.value;
-  const double change_s =
-      fit.axis == shutter.axis ? std::abs(found_s - assumed_s) : std::max(std::abs(found_s), std::abs(assumed_s));
+  const double change_s = readout_change_s(fit, readout_of(shutter, model), shutter.axis);
   doubts.readout =
       fit.readout_s.trouble.empty() && change_s > kDoubted_s && change_s > kDoubtSure * fit.readout_s.sigma;
   return doubts;

@@ -67,6 +67,11 @@ struct CameraFit {
   std::vector<Trial> readouts, focals;  // each with all else adjusted; by axis and value, rising
 };
 
+// Signed seconds of a whole readout.
+double readout_of(const RollingShutter& shutter, const CameraModel& model);
+// By how much a fit's readout differs from another one; along another axis nothing is common.
+double readout_change_s(const CameraFit& fit, double assumed_s, RollingShutter::Axis assumed_axis);
+
 // model: what the run was tracked with. shutter: likewise, what holds where the readout is not unknown.
 CameraFit fit_camera(const PointTracks& tracks, const CameraModel& model, const RollingShutter& shutter,
                      const CameraFitOptions& options);

@@ -39,20 +39,13 @@ TrackedClip first_clip(const std::function<TrackedClip(const CameraAssumption&)>
 
 // Whether a fit found what was assumed.
 bool is_settled(const CameraFit& fit, const CameraInfo& assumed, const CameraFitOptions& options) {
-  const double assumed_s = readout_of(assumed.shutter, assumed.model);
-  const bool same_axis = fit.axis == assumed.shutter.axis;
-  const double change_s = same_axis ? std::abs(fit.readout_s.value - assumed_s)
-                                    : std::max(std::abs(fit.readout_s.value), std::abs(assumed_s));
+  const double change_s = readout_change_s(fit, readout_of(assumed.shutter, assumed.model), assumed.shutter.axis);
   // What the clip cannot tell stays as it was assumed.
   return (!options.readout || !fit.readout_s.trouble.empty() || change_s < kSettled_s) &&
          (!options.focal || !fit.focal.trouble.empty() || std::abs(fit.focal.value - 1) < kSettledFocal);
 }
 
 }  // namespace
-
-double readout_of(const RollingShutter& shutter, const CameraModel& model) {
-  return static_cast<double>(shutter.line_time_s) * (shutter.axis == Axis::kColumns ? model.width : model.height);
-}
 
 RollingShutter shutter_of(Axis axis, double readout_s, const CameraModel& model) {
   return {axis, static_cast<float>(readout_s / (axis == Axis::kColumns ? model.width : model.height))};

@@ -46,8 +46,7 @@ struct CameraSearch {
 CameraSearch search_camera(const std::function<TrackedClip(const CameraAssumption&)>& track,
                            const CameraFitOptions& options, const std::function<bool()>& stopped);
 
-// Signed seconds of a whole readout, and the shutter that has it.
-double readout_of(const RollingShutter& shutter, const CameraModel& model);
+// The shutter that has a readout of so many signed seconds.
 RollingShutter shutter_of(RollingShutter::Axis axis, double readout_s, const CameraModel& model);
 
 }  // namespace pptam::platform

@@ -217,7 +217,7 @@ void ScreenShow::show(const Frame& frame, const TrackResult& result, const Frame
 
 // Whether a picture would be seen, and it is not too early for one.
 bool ScreenShow::due() {
-  return display_ && display_->ready() && (steady_now_ns() >= rest_until_ns_ || picture_wanted_);
+  return display_ && display_->ready() && (steady_now_ns() >= rest_until_ns_ || (picture_wanted_ && !storing_.valid()));
 }
 
 void ScreenShow::draw() {

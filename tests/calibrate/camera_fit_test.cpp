@@ -9,10 +9,10 @@
 #include <cstdio>
 #include <cstdlib>
 #include <numbers>
-#include <random>
 #include <string>
 
-#include "tests/support/random.h"
+#include "sim_phone/random.h"
+#include "tests/support/phone_camera.h"
 
 namespace {
 
@@ -33,11 +33,11 @@ struct ClipOptions {
 // A sum of swings, from half to three a second.
 class Swings {
  public:
-  Swings(std::mt19937_64& random, double amplitude, double speed) {
+  Swings(sim::Random& random, double amplitude, double speed) {
     for (Swing& swing : swings_) {
-      swing.rate = speed * 2 * std::numbers::pi * (0.3 + 2.7 * unit(random) * unit(random));
-      swing.amplitude = amplitude * (unit(random) - 0.5) * std::min(1.0, 4 / swing.rate);
-      swing.phase = 2 * std::numbers::pi * unit(random);
+      swing.rate = speed * 2 * std::numbers::pi * (0.3 + 2.7 * random.uniform(0, 1) * random.uniform(0, 1));
+      swing.amplitude = amplitude * (random.uniform(0, 1) - 0.5) * std::min(1.0, 4 / swing.rate);
+      swing.phase = 2 * std::numbers::pi * random.uniform(0, 1);
     }
   }
   double at(double t_s) const {
@@ -45,7 +45,6 @@ class Swings {
     for (const Swing& swing : swings_) sum += swing.amplitude * std::sin(swing.rate * t_s + swing.phase);
     return sum;
   }
-  static double unit(std::mt19937_64& random) { return static_cast<double>(random() >> 11) * 0x1.0p-53; }
 
  private:
   struct Swing {
@@ -54,28 +53,17 @@ class Swings {
   Swing swings_[4];
 };
 
-CameraModel phone_model() {
-  CameraModel model;
-  model.width = 240;
-  model.height = 320;
-  model.fx = model.fy = 300;
-  model.cx = 120.5f;
-  model.cy = 158.0f;
-  model.prepare();
-  return model;
-}
-
 PointTracks clip_of(const ClipOptions& o) {
-  std::mt19937_64 random(o.seed);
-  const CameraModel model = phone_model();
+  sim::Random random(o.seed, 1);
+  const CameraModel model = test::phone_camera();
   const auto noise = [&](double sigma) {  // nearly normal
     double sum = -6;
-    for (int i = 0; i < 12; ++i) sum += Swings::unit(random);
+    for (int i = 0; i < 12; ++i) sum += random.uniform(0, 1);
     return sigma * sum;
   };
   std::vector<Vector3d> points(250);
   for (Vector3d& p : points)
-    p = Vector3d(2.4 * Swings::unit(random) - 1.2, 2.8 * Swings::unit(random) - 1.4, 0.8 + 1.2 * Swings::unit(random));
+    p = Vector3d(2.4 * random.uniform(0, 1) - 1.2, 2.8 * random.uniform(0, 1) - 1.4, 0.8 + 1.2 * random.uniform(0, 1));
   std::vector<Swings> motion;
   for (int i = 0; i < 6; ++i) motion.emplace_back(random, i < 3 ? 0.5 : 0.6, o.speed);
   const auto pose_at = [&](double t_s) {
@@ -106,7 +94,7 @@ PointTracks clip_of(const ClipOptions& o) {
         visible = q.z() > 0.2 && model.project(q.cast<float>(), &px);
       }
       if (!visible || !model.in_image(px, 4)) continue;
-      const bool wrong = Swings::unit(random) < 0.05;
+      const bool wrong = random.uniform(0, 1) < 0.05;
       const double sigma = wrong ? 4 : 0.4;
       px += Vector2f(static_cast<float>(noise(sigma)), static_cast<float>(noise(sigma)));
       view.seen.push_back({static_cast<uint32_t>(which + 1), px, 2.0f});
@@ -118,7 +106,7 @@ PointTracks clip_of(const ClipOptions& o) {
 }
 
 CameraFit fit_of(const ClipOptions& o, bool focal, const char* axes = "both") {
-  CameraModel model = phone_model();
+  CameraModel model = test::phone_camera();
   model.fx *= static_cast<float>(o.told_focal);
   model.fy *= static_cast<float>(o.told_focal);
   CameraFitOptions options;
@@ -174,7 +162,7 @@ TEST(CameraFit, TooLittleIsRefused) {
   ClipOptions o;
   o.seconds = 1.5;
   EXPECT_NE(fit_of(o, true).trouble.find("too few"), std::string::npos);
-  EXPECT_NE(fit_camera(PointTracks(), phone_model(), RollingShutter(), CameraFitOptions()).trouble, "");
+  EXPECT_NE(fit_camera(PointTracks(), test::phone_camera(), RollingShutter(), CameraFitOptions()).trouble, "");
 }
 
 }  // namespace
