@@ -21,6 +21,9 @@ constexpr float kOcclusionMargin = 0.02f;
 constexpr float kShortest_px = 8, kNarrowest_px = 7;
 // Level pixels that a site keeps from the image's border.
 constexpr float kBorder_px = 3;
+// Of the length that a side would have in the image at the object's middle, as many times count at most: one that
+// crosses the camera's plane has no bound of its own.
+constexpr float kMostNearer = 4;
 
 // Any unit vector at a right angle to unit vector n.
 Vector3f perpendicular(const Vector3f& n) {
@@ -176,6 +179,7 @@ void ModelView::set_pose(const SE3& T_co) {
   visible_.clear();
   occluders_.clear();
   facing_px_ = inside_px_ = 0;
+  most_px_ = kMostNearer * focal_ / std::max((T_co * parts_.middle()).z(), 0.1f * parts_.extent());
   for (const Vector3f& p_o : parts_.model().points) {
     const Vector3f p = T_co * p_o;
     points_.push_back(p);
@@ -363,13 +367,14 @@ void ModelView::add_visible(int contour, float least) {
   visible.width_px = INFINITY;
   const float near = 0.01f * parts_.extent();  // what is nearer to the camera's plane is cut off
   Vector3f &a = placed.a, &b = placed.b;
+  const float most_px = most_px_ * std::sqrt((b - a).squaredNorm());
   if (a.z() < near && b.z() < near) return;
   if (a.z() < near) a = (a + (b - a) * ((near - a.z()) / (b.z() - a.z()))).eval();
   if (b.z() < near) b = (b + (a - b) * ((near - b.z()) / (a.z() - b.z()))).eval();
   const Vector2f p = a.head<2>() / a.z(), q = b.head<2>() / b.z();
   const float whole_px = focal_ * std::sqrt((q - p).squaredNorm());
   if (!(whole_px >= least)) return;
-  facing_px_ += whole_px;
+  facing_px_ += std::min(whole_px, most_px);
   if (!clip(p, q, &visible.from, &visible.to)) return;
   visible.length_px = whole_px * (visible.to - visible.from);
   inside_px_ += visible.length_px;

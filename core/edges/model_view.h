@@ -59,8 +59,9 @@ class ModelParts {
 // A contour in the camera's frame.
 struct PlacedContour {
   bool straight = true;
-  Vector3f a, b;  // ends of a segment; of a circle centre and unit normal
-  Vector3f u, v;  // of a circle: unit vectors that span its plane; sites begin at u and turn to v
+  Vector3f a = Vector3f::Zero(), b = Vector3f::Zero();  // ends of a segment; of a circle centre and unit normal
+  // Of a circle: unit vectors that span its plane; sites begin at u and turn to v.
+  Vector3f u = Vector3f::Zero(), v = Vector3f::Zero();
   float radius = 0;
 };
 
@@ -94,12 +95,12 @@ class ModelView {
 
  private:
   struct Visible {
-    int contour;
+    int contour = -1;
     PlacedContour placed;
-    float from, to;    // part of a segment within the image, in normalised image coordinates along it, 0 to 1
-    uint64_t buckets;  // of a closed contour: bit i, whether part i of kSiteBuckets reaches into the image
-    float length_px;   // of what is within the image, level 0
-    float width_px;    // smallest extent of a closed contour, level 0
+    float from = 0, to = 1;  // part of a segment within the image, in normalised image coordinates along it, 0 to 1
+    uint64_t buckets = 0;    // of a closed contour: bit i, whether part i of kSiteBuckets reaches into the image
+    float length_px = 0;     // of what is within the image, level 0
+    float width_px = 0;      // smallest extent of a closed contour, level 0
   };
   struct Occluder {
     int face = -1;  // or a quadrangle or a disc of its own
@@ -136,6 +137,7 @@ class ModelView {
   FixedVector<uint8_t> facing_;   // faces turned to the camera
   FixedVector<Visible> visible_;
   float facing_px_ = 0, inside_px_ = 0;  // length of contours that face the camera, and of it within the image
+  float most_px_ = 0;                    // of the former, a side's per model unit
   FixedVector<Occluder> occluders_;
 };
 

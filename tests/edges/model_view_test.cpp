@@ -45,6 +45,7 @@ class Viewer {
     return seen;
   }
   const ModelParts& parts() const { return *parts_; }
+  const ModelView& view() const { return *view_; }
 
  private:
   const Camera camera_;
@@ -74,6 +75,27 @@ TEST(ModelView, FacesShareTheirSides) {
   EXPECT_EQ(viewer.parts().contours(), 12);
   for (const ModelSide& side : viewer.parts().sides()) EXPECT_EQ(side.faces, 2);
   EXPECT_NEAR(viewer.parts().extent(), 0.5f * std::sqrt(0.04f + 0.0225f + 0.01f), 1e-6f);
+}
+
+// A box that is passed closely, on the right, with sides that cross the camera's plane: without a bound their length in
+// the image grows to any size, and hardly anything of the object would seem to be within it.
+TEST(ModelView, WhatCrossesTheCamerasPlaneHasABoundedLength) {
+  const test::RenderedObject object = box();
+  const Camera camera = vga_camera();
+  Viewer viewer(object.model(), camera);
+  const float spacing = 4;
+  int crossed = 0;
+  for (const float z : {0.09f, 0.06f, 0.051f, 0.05f, 0.049f, 0.03f}) {  // of the middle; half the box is 0.05 deep
+    const SE3 T_co = pose(0.1f, 0.02f, z) * SE3{Matrix3f::Identity(), Vector3f(0.125f, 0.01f, 0)};
+    const float inside_px = static_cast<float>(viewer.sites(T_co, 0, spacing).size()) * spacing;
+    if (!(inside_px > 100)) continue;
+    ++crossed;
+    const float sides = 4 * (0.2f + 0.15f + 0.1f), middle_z = (T_co * viewer.parts().middle()).z();
+    const float at_most_px = 4 * camera.model.fx * sides / middle_z;
+    // A site stands for its spacing or more: less where something hides the contour, so half is left for the hidden.
+    EXPECT_GE(viewer.view().share_in_image(), 0.5f * inside_px / at_most_px) << z;
+  }
+  EXPECT_GE(crossed, 3);
 }
 
 TEST(ModelView, ABoxShowsFourSevenOrNineSides) {
