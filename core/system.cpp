@@ -67,6 +67,7 @@ struct System::Impl {
   Mapper mapper;
   const Clock* clock = nullptr;
   int64_t last_timestamp_ns = INT64_MIN;
+  int world_changes = 0;  // TrackResult's
 };
 
 Status Config::validate() const {
@@ -178,7 +179,9 @@ TrackResult System::track(const Frame& frame) {
     refused.status = {StatusCode::kTimeWentBackwards, "track: the timestamp is not later than the last frame's"};
   if (!refused.status.ok()) return refused;
   impl_->last_timestamp_ns = frame.timestamp_ns;
-  return impl_->tracker.track(frame, impl_->clock);
+  TrackResult result = impl_->tracker.track(frame, impl_->clock);
+  result.world_changes = impl_->world_changes;
+  return result;
 }
 
 bool System::has_work() const {
@@ -211,9 +214,29 @@ Status System::set_length(uint32_t point_a, uint32_t point_b, float length) {
   if (!map.can_change_scale(scale))
     return {StatusCode::kInvalidArgument,
             "set_length: the whole map would become too large or too small to be usable: choose another unit"};
-  map.change_scale(scale);
+  Similarity S;
+  S.scale = scale;
+  map.change_coordinates(S);
   impl_->tracker.follow_map();
+  ++impl_->world_changes;
   return {};
+}
+
+Status System::set_ground(const Vector2f& px, Similarity* change) {
+  const SE3* T_cw = impl_->map.ready() ? impl_->tracker.last_pose() : nullptr;
+  if (!T_cw) return {StatusCode::kNotReady, "set_ground: the last frame has no pose in a finished map"};
+  const Status status = impl_->mapper.ground().choose(*T_cw, px, change);
+  if (!status.ok()) return status;
+  impl_->tracker.follow_map();
+  ++impl_->world_changes;
+  return status;
+}
+
+int System::planes(std::span<PlaneInfo> out, int map) const {
+  const MapAccess::Part part = part_of(impl_->map, map);
+  // While a new map is being finished its ground is sought.
+  if (!part.keyframes || part.keyframes->empty() || !(impl_->map.ready() || !impl_->map.exists())) return 0;
+  return impl_->mapper.ground().planes(part, out);
 }
 
 size_t System::map_bytes() const {

@@ -34,6 +34,7 @@ SensorOptions sensor_for(const PhoneOptions& options, const platform::CameraInfo
   sensor.shutter = info.shutter;
   sensor.exposure_s = options.exposure_s;
   sensor.noise = options.noise;
+  sensor.even_readout = options.even_readout;
   sensor.seed = options.seed;
   sensor.light = story.light;
   sensor.occluder = story.occluder;

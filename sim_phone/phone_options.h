@@ -25,6 +25,7 @@ struct PhoneOptions {
   double readout_s = -0.060;  // signed: the phone's left edge is exposed last [phone 6]; 0 is a global shutter
   double exposure_s = 0.030;
   bool noise = true;            // shot and read noise, vignetting, auto-exposure, gamma
+  bool even_readout = false;    // as of SensorOptions
   double drop_probability = 0;  // of each frame
   Harshness harsh;
 };

@@ -36,6 +36,8 @@ struct SensorOptions {
   RollingShutter shutter;
   double exposure_s = 0;
   bool noise = true;  // false: no noise, vignetting, gamma or auto-exposure; grey = 255 * light * reflectance
+  // The camera moves evenly during each image, as at its middle: what its change of speed within one costs.
+  bool even_readout = false;
   uint64_t seed = 1;
   // Factor on all light at a time: lamps, and what covers the lens. Null: 1. Averaged over each line's exposure.
   std::function<double(double t_s)> light = nullptr;

@@ -484,9 +484,7 @@ void Map::apply(const Similarity& S) {
   moved_ = true;
 }
 
-void Map::change_scale(float scale) {
-  Similarity S;
-  S.scale = scale;
+void Map::change_coordinates(const Similarity& S) {
   apply(S);
   ++epoch_;
 }

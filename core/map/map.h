@@ -131,7 +131,7 @@ class Map {
   void set_full(bool full) { full_ = full; }
   void clear();      // the map in use; keeps storage; ids are not used again
   void clear_all();  // and those that are set aside
-  // Counts clear(), settle() and changes of scale by the user. After either, the mapper drops the job that it was
+  // Counts clear(), settle() and changes of coordinates by the user. After any, the mapper drops the job that it was
   // doing.
   uint32_t epoch() const { return epoch_; }
 
@@ -156,10 +156,10 @@ class Map {
   void settle(int place);
 
   // Changes of the world's coordinates, of all positions, poses and velocities: once after initialisation (mapper),
-  // and when the user sets a length.
+  // and when the user sets a length or a ground.
   void apply(const Similarity& S);
-  void change_scale(float scale);            // by the user
-  bool can_change_scale(float scale) const;  // would all of the map's numbers be usable afterwards?
+  void change_coordinates(const Similarity& S);  // by the user
+  bool can_change_scale(float scale) const;      // would all of the map's numbers be usable afterwards?
   // All changes of coordinates since the last call, as one similarity; false when there were none. The tracker applies
   // it to its own state.
   bool take_transform(Similarity* S);

@@ -39,7 +39,8 @@ Mapper::Mapper(Arena& arena, const Config& config, Map& map, WorkMeter& meter, C
       map_(map),
       bundle_(arena, config, map, meter, *this),
       pose_(arena, config, map, meter, *this),
-      initial_map_(arena, config, map, meter, *this, bundle_, pose_),
+      ground_(arena, config, map, meter, *this),
+      initial_map_(config, map, *this, bundle_, pose_, ground_),
       culling_(config.culling(arena, config, map, meter, *this)),
       eraser_(arena, config, map, *this),
       point_source_(config.point_source(arena, config, map, meter, *this, corner_source)),
@@ -54,7 +55,7 @@ bool Mapper::has_work() const {
 void Mapper::work_slice() {
   if (!has_work()) return;
   if (epoch_ != map_.epoch()) {
-    // The map that the paused job worked on has been cleared, or has another scale.
+    // The map that the paused job worked on has been cleared, or has other coordinates.
     epoch_ = map_.epoch();
     abandon();
     task_ = Task<>();

@@ -9,6 +9,7 @@
 #include "map/map.h"
 #include "map/patch_search.h"
 #include "mapping/bundle_adjustment.h"
+#include "mapping/ground.h"
 #include "mapping/hygiene.h"
 #include "mapping/initial_map.h"
 #include "mapping/keyframe_culling.h"
@@ -25,6 +26,7 @@ class Mapper : public Background {
 
   bool has_work() const;
   void work_slice();
+  Ground& ground() { return ground_; }
 
  private:
   Task<> run();
@@ -38,6 +40,7 @@ class Mapper : public Background {
   Map& map_;
   BundleAdjuster bundle_;
   KeyframePose pose_;
+  Ground ground_;
   InitialMap initial_map_;
   KeyframeCulling* culling_;
   KeyframeEraser eraser_;

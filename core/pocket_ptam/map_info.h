@@ -29,6 +29,14 @@ struct MeasurementInfo {
   float sigma = 1;                        // expected standard deviation of a coordinate, level-0 pixels
 };
 
+// A plane of a map, a ground that could be chosen.
+struct PlaneInfo {
+  Vector3f normal_w = Vector3f::UnitZ();  // unit, towards the map's first camera
+  Vector3f middle_w = Vector3f::Zero();   // mean of its points
+  float threshold = 0;                    // distance up to which a point lies on it, world units
+  int points = 0;
+};
+
 // Header of a saved map.
 struct MapInfo {
   int version = 0;  // of the file format

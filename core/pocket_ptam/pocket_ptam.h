@@ -14,7 +14,8 @@
 // One thread. No heap, no exceptions, no operating system; everything lives in the caller's block. The world's unit is
 // arbitrary (one camera cannot see the scale): the distance from the first view to the farthest view of the start is
 // Config::initial_baseline, unless Config::initial_plane_distance or System::set_length says otherwise. The world's
-// z = 0 is the dominant plane of the first view, or the ground below an upright front; z is up, towards the camera.
+// z = 0 is the dominant plane of the first view, or the ground below an upright front, or what System::set_ground says;
+// z is up, towards the camera.
 // Poses are T_cw (world to camera), camera x right, y down, z forward, at the frame's timestamp (mid-exposure of the
 // image centre).
 #pragma once
@@ -63,6 +64,18 @@ class System {
   // does not exist, the length is not within 1e-6 to 1e6 times the present one, or the map would leave 1e-8 to 1e8
   // units.
   Status set_length(uint32_t point_a, uint32_t point_b, float length);
+
+  // Chooses the world's ground: the plane of the map points round what the last frame showed at px, level-0 pixels,
+  // becomes z = 0, with z towards that frame's camera, x along its x, and the origin at px. The scale stays. Poses
+  // follow from the next frame on; *change, if not null, takes old coordinates to new ones: p_new = *change * p_old.
+  // Refused, with nothing changed, when the last frame had no pose, px is not within the image, fewer than half of the
+  // dozen points round it lie on one plane, or the ray meets that at under 3 degrees. At once: 4 to 7 million ARMv6
+  // instructions.
+  Status set_ground(const Vector2f& px, Similarity* change = nullptr);
+  // The planes that hold most of a finished map's points, at least 12 and 8 % of them each, at most out.size(), the
+  // largest first: what may be the ground. Returns how many there are. map: as in keyframes(). Up to 10 million
+  // instructions each for a full map of the phone.
+  int planes(std::span<PlaneInfo> out, int map = 0) const;
 
   // Saving the finished maps, between two slices, in a versioned and checksummed format that is the same on every
   // target (map/map_file.h). The file holds all that relocalisation and further mapping need; keyframes still in the

@@ -1,6 +1,8 @@
 // Proposes a pose for a lost camera: compares the frame's small blurred image with those of all keyframes, erased ones
 // included [ptam 5.6, phone 3.3].
 //
+// The paper compares whole images, which finds a camera that looks as a keyframe did. Every second attempt also shifts
+// and scales the frame over the keyframes, in images half as large: that finds one that has turned away or come nearer.
 // The result is a starting pose only. The tracker reports a pose again after tracking has held for two frames in a row.
 #pragma once
 
@@ -12,17 +14,19 @@ namespace pptam {
 
 struct RelocalisationCandidate {
   int keyframe = -1;
-  SE3 T_cw;  // the keyframe's pose, turned by the rotation that aligns the small images
+  SE3 T_cw;  // the keyframe's pose, moved by what aligns the small images
 };
 
-// Keyframes compared in one attempt: 0.5 million ARMv6 instructions (estimate). Bounds the time of a lost frame.
-constexpr int kComparedKeyframes = 128;
+// Keyframes compared in one attempt, whole images and shifted ones: 0.5 and at most 1.5 million ARMv6 instructions
+// (estimates). Bounds the time of a lost frame.
+constexpr int kComparedKeyframes = 128, kShiftedKeyframes = 24;
 constexpr int kRelocalisationRanks = 3;  // best keyframes among these that are tried, one an attempt; not swept
 
-// One attempt, counted from 0 since the camera was lost. It compares up to kComparedKeyframes keyframes and aligns the
-// rotation of one of the best by zero-mean sum of squared differences. Successive attempts take the next best, then the
-// next keyframes, then the first ones again. keyframe = -1 when there are not that many or the rotation does not align.
-RelocalisationCandidate propose_pose(const Map& map, FullFrameRotation& full_frame_rotation, bool lamp_bands,
-                                     const GreyView& small, int attempt, WorkMeter& meter);
+// One attempt, counted from 0 since the camera was lost: of even number with whole images, of odd number with shifted
+// ones. It compares so many keyframes and aligns the rotation of one of the best by zero-mean sum of squared
+// differences. Successive attempts of a kind take the next best, then the next keyframes, then the first ones again.
+// keyframe = -1 when there are not that many or the rotation does not align.
+RelocalisationCandidate propose_pose(const Map& map, const Camera& camera, FullFrameRotation& full_frame_rotation,
+                                     bool lamp_bands, const GreyView& small, int attempt, WorkMeter& meter);
 
 }  // namespace pptam

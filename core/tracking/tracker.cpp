@@ -305,8 +305,8 @@ void Tracker::relocalise(TrackResult* result) {
 // pose that the next frame has to confirm, and none is reported yet. result: null in a map that is only looked at.
 bool Tracker::find_candidate(int* attempt, TrackResult* result) {
   motion_.stop();
-  const RelocalisationCandidate candidate =
-      propose_pose(map_, full_frame_rotation_, lamp_bands_.seen(), frame_.small(), (*attempt)++, meter_);
+  const RelocalisationCandidate candidate = propose_pose(map_, config_.camera, full_frame_rotation_, lamp_bands_.seen(),
+                                                         frame_.small(), (*attempt)++, meter_);
   if (candidate.keyframe < 0) return false;
   motion_.start_guess(map_.keyframes()[candidate.keyframe].mean_depth);
   const MapMatch match = matching_.match(frame_.pyramid(), motion_, MapMatching::Search::kWide, candidate.T_cw);

@@ -235,7 +235,7 @@ class LiveSession {
       started_ = true;
       poses_ = open_poses(chosen_, output_.poses());
       status_.say(info.name + format(": tracking %dx%d", info.model.width, info.model.height) +
-                  (keys.terminal() ? "; keys: t tap, r reset, l lock, m mark, s save map, q quit" : ""));
+                  (keys.terminal() ? "; keys: t tap, r reset, l lock, m mark, g ground, s save map, q quit" : ""));
     };
     if (!show_) {
       observer.key = [&keys] { return run_key_of(keys.next()); };
@@ -349,6 +349,7 @@ void add_live_options(CLI::App* live, LiveChoice* chosen) {
           "and press m")
       ->check(CLI::Range(0.001, 1000.0))
       ->type_name("LENGTH");
+  add_ground_option(live, &run);
   live->add_option("--max-keyframes", run.max_keyframes, "Config::max_keyframes [35]")->type_name("N");
   live->add_option("--load-map", run.load_map, "Begin with a map saved earlier, made with this camera")
       ->type_name("FILE");
@@ -385,8 +386,8 @@ Command add_live(CLI::App& program, const std::string& command_line) {
   add_camera_options(live, chosen.get());
   add_live_options(live, chosen.get());
   live->footer(
-      "Keys: t tap, r reset, l lock or unlock the map, m mark an end of --length, s save the map, q quit; also as\n"
-      "characters through a pipe.\n"
+      "Keys: t tap, r reset, l lock or unlock the map, m mark an end of --length, g the middle of the image shows\n"
+      "the ground, s save the map, q quit; also as characters through a pipe.\n"
       "Times are those of CLOCK_MONOTONIC at mid-exposure. What is said meanwhile goes to standard error.\n"
       "Examples:\n"
       "  pocket-ptam live --fov 60                                   the first camera, poses on the terminal\n"

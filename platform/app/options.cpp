@@ -67,6 +67,23 @@ void add_tap_option(CLI::App* command, RunOptions* run) {
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
 }
 
+void add_ground_option(CLI::App* command, RunOptions* run) {
+  command
+      ->add_option_function<std::string>(
+          "--ground",
+          [run](const std::string& text) {
+            float x = 0, y = 0;
+            int used = 0;
+            if (std::sscanf(text.c_str(), "%f,%f%n", &x, &y, &used) != 2 || static_cast<size_t>(used) != text.size() ||
+                !(x >= 0 && y >= 0))
+              throw InputError("--ground " + text + ": write X,Y in pixels, for example 120,250");
+            run->ground = Vector2f(x, y);
+          },
+          "The ground, z = 0, is the plane at this pixel of the first image with a pose, as tracked; the report shows "
+          "the choices [the largest plane, or what is below an upright one]")
+      ->type_name("X,Y");
+}
+
 void add_show_options(CLI::App* command, ShowOptions* show) {
   static const std::map<std::string, DisplayChoice> kPlaces = {
       {"auto", DisplayChoice::kAuto}, {"window", DisplayChoice::kWindow}, {"screen", DisplayChoice::kScreen}};
@@ -76,7 +93,7 @@ void add_show_options(CLI::App* command, ShowOptions* show) {
       "--show{auto}", *place,
       "Show it as it goes, by real time: in a window, or, where there is no window system, on the whole "
       "screen; --show=window or --show=screen for one of them. Keys there: t tap, r reset, l lock or unlock "
-      "the map, s save it, p picture, v view, q quit");
+      "the map, g the middle shows the ground, s save it, p picture, v view, q quit");
   command->parse_complete_callback([place, show] {
     if (place->empty()) return;
     const auto found = kPlaces.find(*place);
@@ -123,6 +140,7 @@ void add_run_options(CLI::App* command, RunOptions* run, OutputOptions* output) 
                    "Of the first view from the ground, z = 0, in any unit: sets the map's scale")
       ->check(CLI::Range(0.001, 1000.0))
       ->type_name("LENGTH");
+  add_ground_option(command, run);
   command->add_option("--max-keyframes", run->max_keyframes, "Config::max_keyframes [35]")->type_name("N");
   command->add_option("--max-erased-keyframes", run->max_erased_keyframes, "Config::max_erased_keyframes [35]")
       ->type_name("N");

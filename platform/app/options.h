@@ -26,6 +26,7 @@ void add_run_options(CLI::App* command, platform::RunOptions* run, OutputOptions
 void add_show_options(CLI::App* command, platform::ShowOptions* show);
 // May be repeated.
 void add_tap_option(CLI::App* command, platform::RunOptions* run);
+void add_ground_option(CLI::App* command, platform::RunOptions* run);
 
 // A recording as named on the command line.
 struct RecordingInput {

@@ -20,6 +20,7 @@
 #include "sim_phone/laboratory/harsh_study.h"
 #include "sim_phone/laboratory/judgement.h"
 #include "sim_phone/laboratory/model_study.h"
+#include "sim_phone/laboratory/reach_study.h"
 #include "sim_phone/laboratory/start_study.h"
 #include "sim_phone/laboratory/stretch_study.h"
 #include "sim_phone/laboratory/suite.h"
@@ -75,9 +76,10 @@ CLI::Option* add_sequence_options(CLI::App* sim, SimChoice* chosen) {
   CLI::Option* story = add_repeatable(sim, "--story", &chosen->stories,
                                       "One of the stories below; may be repeated with --suite, those of a "
                                       "known object with --study model");
-  add_repeatable(sim, "--scene", &chosen->scenes,
-                 one_of(sim::scene_names()) +
-                     "; may be repeated with --suite and --study culling, harsh, stretches, camera or doubts [desk]");
+  add_repeatable(
+      sim, "--scene", &chosen->scenes,
+      one_of(sim::scene_names()) +
+          "; may be repeated with --suite and --study culling, harsh, stretches, camera, doubts or reach [desk]");
   std::vector<std::string> motions = sim::motion_names();
   for (const std::string& name : sim::start_names()) motions.push_back(name);
   sim->add_option("--motion", phone.motion, one_of(motions))->capture_default_str()->type_name("NAME")->excludes(story);
@@ -93,6 +95,8 @@ CLI::Option* add_sequence_options(CLI::App* sim, SimChoice* chosen) {
   sim->add_option("--exposure", chosen->exposure_s, "Exposure time [0.03, or the story's]")->type_name("SECONDS");
   sim->add_option("--fps", chosen->frames_per_s, "Frames per second [15, or the story's]")->type_name("N");
   sim->add_flag("--no-noise", chosen->no_noise, "An ideal sensor");
+  sim->add_flag("--even-readout", chosen->phone.even_readout,
+                "The camera moves evenly during each image: what its change of speed within one costs");
   sim->add_option("--harsh", chosen->harsh,
                   "What makes real pictures hard: NAME or NAME:VALUE of the causes below, or all; several with commas")
       ->delimiter(',')
@@ -117,7 +121,9 @@ void add_laboratory_options(CLI::App* sim, CLI::Option* story, ChosenStudies* ch
              "culling of keyframes, as a table; harsh: exploring runs with each cause of --harsh alone, and with all; "
              "stretches: exploring runs with two seconds of bad pictures in their midst; model: the stories of a known "
              "object, tracked in other ways, too; camera: what pocket-ptam readout finds of phones drawn by chance; "
-             "doubts: whether a run says that it was told of a wrong camera")
+             "doubts: whether a run says that it was told of a wrong camera; reach: how far from the views in a map a "
+             "lost "
+             "camera is found")
           ->type_name("NAME")
           ->excludes(suite);
   add_repeatable(sim, "--kind", &chosen->kinds,
@@ -180,6 +186,7 @@ std::string footer() {
          "  pocket-ptam sim --story model-machine --seed 2\n"
          "  pocket-ptam sim --study model --seeds 3 --jobs 2\n"
          "  pocket-ptam sim --study camera --seeds 10 --jobs 2\n"
+         "  pocket-ptam sim --study reach --seeds 5 --jobs 2\n"
          "  pocket-ptam sim --endurance 60 --scene desk --twice";
 }
 
@@ -201,12 +208,14 @@ class SimCommand {
     const bool many_runs = studies_.suite || !studies_.study.empty() || studies_.endurance_minutes;
     if ((many_runs || !chosen_.dump.empty()) && (run_.save_map || run_.lock_map || !run_.load_map.empty()))
       throw InputError("--load-map, --save-map and --lock-map belong to a single run");
+    if ((many_runs || !chosen_.dump.empty()) && run_.ground) throw InputError("--ground belongs to a single run");
     if ((many_runs || !chosen_.dump.empty()) && output_.show.where != DisplayChoice::kNowhere)
       throw InputError("--show belongs to a single run");
     if (studies_.study == "model") return run_model_study();
     if (studies_.suite) return run_suite();
     const bool many_scenes = studies_.study == "culling" || studies_.study == "harsh" ||
-                             studies_.study == "stretches" || studies_.study == "camera" || studies_.study == "doubts";
+                             studies_.study == "stretches" || studies_.study == "camera" ||
+                             studies_.study == "doubts" || studies_.study == "reach";
     if (chosen_.stories.size() + chosen_.scenes.size() > 1 && !many_scenes)
       throw InputError("several --story or --scene belong to --suite");
     choose_sequence();
@@ -221,6 +230,8 @@ class SimCommand {
       return exit_code(laboratory::run_camera_study(exploring<laboratory::CameraStudyOptions>(0)));
     if (studies_.study == "doubts")
       return exit_code(laboratory::run_doubt_study(exploring<laboratory::DoubtStudyOptions>(0)));
+    if (studies_.study == "reach")
+      return exit_code(laboratory::run_reach_study(exploring<laboratory::ReachStudyOptions>(0)));
     if (studies_.study == "init") return run_start_study();
     if (!studies_.study.empty())
       throw InputError("--study " + studies_.study +
@@ -258,6 +269,7 @@ class SimCommand {
       phone->readout_s = chosen_.phone.readout_s;
     }
     phone->noise = chosen_.phone.noise;
+    phone->even_readout = chosen_.phone.even_readout;
     if (chosen_.frames_per_s) phone->frames_per_s = *chosen_.frames_per_s;
   }
 
@@ -306,6 +318,7 @@ class SimCommand {
     if (!chosen_.readout.empty()) options.repeat_options += " --readout " + chosen_.readout;
     if (chosen_.frames_per_s) options.repeat_options += format(" --fps %g", *chosen_.frames_per_s);
     if (chosen_.no_noise) options.repeat_options += " --no-noise";
+    if (chosen_.phone.even_readout) options.repeat_options += " --even-readout";
     for (const std::string& cause : chosen_.harsh) options.repeat_options += " --harsh " + cause;
     return laboratory::run_suite(options) == 0 ? kExitOk : kExitBroken;
   }

@@ -18,6 +18,7 @@
 #include "platform/input_error.h"
 #include "platform/run/console.h"
 #include "platform/run/evaluation.h"
+#include "platform/run/ground_view.h"
 #include "platform/run/interruption.h"
 #include "platform/run/names.h"
 #include "platform/run/overlay.h"
@@ -115,9 +116,10 @@ std::unique_ptr<Show> make_show(const CameraInfo& camera, const OutputFolder& fo
 }
 
 // The run, with its overlay and its progress on the terminal. The folder is made once the input is known to be good.
-// tracks: what was tracked, or null.
+// tracks: of what was tracked, or null.
 RunLog run_and_show(const Runner& runner, const OutputOptions& output, const OutputFolder& folder,
-                    std::unique_ptr<Show>* show, PointTracks* tracks, std::vector<std::string>* warnings) {
+                    std::unique_ptr<Show>* show, PointTracks* tracks, GroundView* ground,
+                    std::vector<std::string>* warnings) {
   Progress progress;
   RunLog log = runner(
       [&](const CameraInfo& info) {
@@ -128,6 +130,7 @@ RunLog run_and_show(const Runner& runner, const OutputOptions& output, const Out
       [&](const Frame& frame, const TrackResult& result, const RunLog& so_far) {
         const FrameLog& entry = so_far.frames.back();
         if (tracks != nullptr) tracks->add(result);
+        ground->add(frame, result);
         if (*show) (*show)->add(frame, result, entry);
         if (!output.no_progress && output.show.where == DisplayChoice::kNowhere)
           progress.show(so_far.source_frames, so_far.camera.frame_count.value_or(0),
@@ -237,12 +240,6 @@ bool write_essentials(const RunLog& log, const OutputOptions& output, OutputFold
   attempt([&] { folder->write("frames.csv", frames_text(log)); });
   return map_saved;
 }
-
-// What the report shows of them.
-struct Pictures {
-  std::string good_png;
-  bool video = false;
-};
 
 Pictures write_pictures(Show* show, OutputFolder* folder, Writing* writing) {
   Pictures pictures;
@@ -358,7 +355,9 @@ int run_and_write(const std::string& name, const Trajectory& truth, const Runner
   std::vector<std::string> warnings;  // to be printed
   std::unique_ptr<Show> show;
   PointTracks tracks;
-  const RunLog log = run_and_show(runner, output, folder, &show, knowledge.camera_told ? &tracks : nullptr, &warnings);
+  GroundView ground;
+  const RunLog log =
+      run_and_show(runner, output, folder, &show, knowledge.camera_told ? &tracks : nullptr, &ground, &warnings);
 
   Writing writing;
   const bool map_saved = write_essentials(log, output, &folder, &show, &writing);
@@ -378,7 +377,9 @@ int run_and_write(const std::string& name, const Trajectory& truth, const Runner
   summary.warnings = all_warnings();
   if (!output.no_report) {
     writing.attempt([&] {
-      folder.write("report.html", report_page(log, summary, truth, pictures.good_png, pictures.video, &warnings));
+      pictures.ground_png = ground.picture(log);
+      pictures.ground_note = ground.note(log);
+      folder.write("report.html", report_page(log, summary, truth, pictures, &warnings));
     });
     summary.warnings = all_warnings();
   }

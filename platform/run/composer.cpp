@@ -115,8 +115,21 @@ void Composer::begin(const Canvas& canvas, float shape, const TrackResult& resul
   follow(result);
 }
 
+// A ground that was chosen has its origin where the house is wanted.
+Site Composer::place_site(const TrackResult& result) const {
+  Site site = place_house(result.T_cw, initial_baseline_);
+  Vector2f px;
+  if (result.world_changes > 0 && camera_.model.project(result.T_cw.t, &px) && camera_.model.in_image(px, 0))
+    site.anchor_w.setZero();
+  return site;
+}
+
 void Composer::follow(const TrackResult& result) {
-  if (result.maps == 0) sites_.clear();  // a new map will be another world
+  if (result.maps == 0 || result.world_changes != world_changes_) {  // another world
+    sites_.clear();
+    site_model_map_ = 0;
+  }
+  world_changes_ = result.world_changes;
   site_ = nullptr;
   if (result.map == 0) return;
   const auto known = sites_.find(result.map);
@@ -124,7 +137,7 @@ void Composer::follow(const TrackResult& result) {
   if (known != sites_.end()) {
     site_ = &known->second;
   } else {
-    site_ = &sites_.emplace(result.map, place_house(result.T_cw, initial_baseline_)).first->second;
+    site_ = &sites_.emplace(result.map, place_site(result)).first->second;
   }
   if (result.map == site_model_map_) return;
   site_model_ = make_site_model(*site_);

@@ -46,6 +46,7 @@ class Composer {
   const Site* site() const { return site_; }  // in the map of the last frame; null: none yet
 
  private:
+  Site place_site(const TrackResult& result) const;
   void begin(const Canvas& canvas, float shape, const TrackResult& result, const FrameLog& log);
   void add_points(std::span<const ObservedPoint> points, float scale);
   void add_panel(const FrameLog& log, float top, float width);
@@ -57,6 +58,7 @@ class Composer {
   float unit_ = 0;  // of the panel's sizes, pixels
   std::optional<Lettering> lettering_;
   std::map<int, Site> sites_;   // by TrackResult::map
+  int world_changes_ = 0;       // TrackResult's, for which they stand
   const Site* site_ = nullptr;  // one of them
   int site_model_map_ = 0;      // whose house site_model_ is
   WorldModel site_model_, map_model_;

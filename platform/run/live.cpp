@@ -41,7 +41,7 @@ std::optional<uint32_t> aimed_point(const TrackResult& result, const CameraModel
 class LiveRun {
  public:
   LiveRun(Camera& camera, const LiveOptions& options, const LiveObserver& observer)
-      : camera_(camera), options_(options), observer_(observer) {}
+      : camera_(camera), options_(options), observer_(observer), ground_(options.run.ground) {}
 
   LiveResult run() {
     camera_.start();
@@ -70,6 +70,7 @@ class LiveRun {
   void track(const Frame& frame);
   bool meet(CameraEvent event);
   void press(RunKey key);
+  Status set_ground(const Vector2f& px);
   void mark();
   void forget_marks() {
     aimed_.reset();
@@ -92,8 +93,9 @@ class LiveRun {
   int64_t begun_ns_ = 0;  // by clock_
   int slices_ = 0;
   int64_t mapping_ns_ = 0;
-  std::vector<RunKey> early_;       // before the first frame
-  std::optional<uint32_t> aimed_;   // in the last frame, with a length; none: there is no such frame or point
+  std::vector<RunKey> early_;      // before the first frame
+  std::optional<uint32_t> aimed_;  // in the last frame, with a length; none: there is no such frame or point
+  GroundChoice ground_;
   std::optional<uint32_t> marked_;  // one end of the length
   bool over_ = false;
   bool trouble_told_ = false;
@@ -214,8 +216,16 @@ void LiveRun::press(RunKey key) {
   if (key == RunKey::kMark) return mark();
   if (key == RunKey::kTap || key == RunKey::kReset) forget_marks();
   const SystemCalls calls = {[this] { system_->tap(); }, [this] { system_->reset(); },
-                             [this](bool locked) { system_->set_locked(locked); }};
+                             [this](bool locked) { system_->set_locked(locked); },
+                             [this](const Vector2f& px) { return set_ground(px); }};
   if (!platform::press(key, system_->system(), calls, observer_)) over_ = true;
+}
+
+Status LiveRun::set_ground(const Vector2f& px) {
+  pptam::Similarity change;
+  const Status status = system_->set_ground(px, &change);
+  if (status.ok()) result_.log.move_poses(change);
+  return status;
 }
 
 void LiveRun::mark() {
@@ -237,7 +247,7 @@ void LiveRun::track(const Frame& frame) {
   LiveStatus& status = result_.status;
   const int64_t start_ns = clock_.now_ns();
   const int64_t start_instructions = session_.system->work_meter().instructions();
-  const TrackResult result = system_->track(frame);
+  TrackResult result = system_->track(frame);
   const int64_t tracked_ns = clock_.now_ns();
   const int index = log.source_frames++;
   if (!result.status.ok()) {
@@ -246,6 +256,13 @@ void LiveRun::track(const Frame& frame) {
     camera_.give_back();
     return;
   }
+  const bool choose_ground = ground_.due(result);
+  if (choose_ground) {
+    system_->note_frame(frame, result);  // the choice comes after it
+    ground_.choose([this](const Vector2f& px, pptam::Similarity* change) { return system_->set_ground(px, change); },
+                   &result);
+    if (!ground_.trouble().empty()) say(ground_.trouble());
+  }
   if (result.map_points == 0) forget_marks();
   if (options_.length > 0) aimed_ = aimed_point(result, camera_.info().model);
   status.camera = camera_.status();
@@ -253,7 +270,7 @@ void LiveRun::track(const Frame& frame) {
   const int64_t written_ns = clock_.now_ns();
   const int64_t age_ns = saturated_difference(written_ns, status.camera.arrived_ns);
   if (status.camera.arrived_ns != 0) status.ages.add(age_ns);
-  system_->note_frame(frame, result);
+  if (!choose_ground) system_->note_frame(frame, result);
   if (recording_ && !recording_->trouble().empty() && !trouble_told_) {
     trouble_told_ = true;
     status.record_trouble = recording_->trouble();

@@ -257,6 +257,12 @@ Status NotedSystem::set_length(uint32_t point_a, uint32_t point_b, float length)
   return status;
 }
 
+Status NotedSystem::set_ground(const Vector2f& px, pptam::Similarity* change) {
+  const Status status = system_.set_ground(px, change);
+  if (status.ok() && recording_ != nullptr) recording_->note("ground " + number(px.x()) + " " + number(px.y()));
+  return status;
+}
+
 Status NotedSystem::load_map(std::span<const std::byte> file) {
   const Status status = system_.load_map(file);
   if (status.ok() && recording_ != nullptr) recording_->note_load(file);
@@ -381,6 +387,10 @@ bool read_event(const std::string& what, Words& words, LiveScript::Event* event)
     event->point_a = static_cast<uint32_t>(words.integer(0, UINT32_MAX));
     event->point_b = static_cast<uint32_t>(words.integer(0, UINT32_MAX));
     event->length = words.single();
+  } else if (what == "ground") {
+    event->kind = Kind::kGround;
+    event->px.x() = words.single();
+    event->px.y() = words.single();
   } else if (what == "load") {
     event->kind = Kind::kLoad;
     event->file = words.file("map-", ".map");
@@ -493,7 +503,7 @@ LiveScript read_live_recording(const fs::path& folder) {
 namespace {
 
 // All but frames; what is wrong with it is thrown.
-void repeat_call(System& system, const LiveScript& script, const LiveScript::Event& event) {
+void repeat_call(System& system, const LiveScript& script, const LiveScript::Event& event, RunLog* log) {
   using Kind = LiveScript::Kind;
   const auto require = [&](const Status& status) {
     if (!status.ok()) throw InputError((script.folder / event.file).string() + ": " + status.message());
@@ -511,6 +521,11 @@ void repeat_call(System& system, const LiveScript& script, const LiveScript::Eve
       return system.set_locked(event.kind == Kind::kLock);
     case Kind::kLength:
       return require(system.set_length(event.point_a, event.point_b, event.length));
+    case Kind::kGround: {
+      pptam::Similarity change;
+      require(system.set_ground(event.px, &change));
+      return log->move_poses(change);
+    }
     case Kind::kLoad:
       return require(system.load_map(read_map_file(script.folder / event.file)));
     case Kind::kFrame:
@@ -541,7 +556,7 @@ RunLog repeat_live_recording(const LiveScript& script, const RunOptions& options
     try {
       const int64_t from_ns = clock.now_ns();
       if (event.kind != LiveScript::Kind::kFrame) {
-        repeat_call(system, script, event);
+        repeat_call(system, script, event, &log);
         slices += event.slices;
         mapping_ns += saturated_difference(clock.now_ns(), from_ns);
         continue;

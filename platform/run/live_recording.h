@@ -102,6 +102,7 @@ class NotedSystem {
   void reset();
   void set_locked(bool locked);
   Status set_length(uint32_t point_a, uint32_t point_b, float length);
+  Status set_ground(const Vector2f& px, pptam::Similarity* change);
   Status load_map(std::span<const std::byte> file);
 
  private:
@@ -116,12 +117,13 @@ bool is_live_recording(const std::filesystem::path& folder);
 
 // A recording that was read: what to do, in order.
 struct LiveScript {
-  enum class Kind { kSlices, kTap, kReset, kLock, kUnlock, kLength, kLoad, kFrame };
+  enum class Kind { kSlices, kTap, kReset, kLock, kUnlock, kLength, kGround, kLoad, kFrame };
   struct Event {
     Kind kind = Kind::kSlices;
     int slices = 0;
     uint32_t point_a = 0, point_b = 0;
     float length = 0;
+    Vector2f px = Vector2f::Zero();  // of kGround
     int64_t timestamp_ns = 0;
     uint64_t result = 0;
     std::string file;  // in the folder

@@ -50,8 +50,8 @@ inline std::string png_of(const Surface& surface) {
 }
 
 // Rows of red, green, blue and alpha from the top, width times 4 bytes each; alpha is not looked at.
-inline std::string png_of_rgba(const std::vector<uint8_t>& rgba, int width, int height) {
-  const Surface surface = make_surface(width, height);
+inline Surface surface_of_rgba(const std::vector<uint8_t>& rgba, int width, int height) {
+  Surface surface = make_surface(width, height);
   unsigned char* pixels = cairo_image_surface_get_data(surface.get());
   const int stride = cairo_image_surface_get_stride(surface.get());
   const uint8_t* from = rgba.data();
@@ -60,7 +60,10 @@ inline std::string png_of_rgba(const std::vector<uint8_t>& rgba, int width, int 
     for (int x = 0; x < width; ++x, from += 4) row[x] = 0xff000000u | from[0] << 16 | from[1] << 8 | from[2];
   }
   cairo_surface_mark_dirty(surface.get());
-  return png_of(surface);
+  return surface;
+}
+inline std::string png_of_rgba(const std::vector<uint8_t>& rgba, int width, int height) {
+  return png_of(surface_of_rgba(rgba, width, height));
 }
 
 }  // namespace pptam::platform

@@ -221,17 +221,18 @@ std::string plot_trajectories(const Evaluation& e, const Trajectory& truth) {
   return plot_svg(1120, 500, script + "unset multiplot\n");
 }
 
-std::string report_page(const RunLog& log, const RunSummary& summary, const Trajectory& truth, const std::string& still,
-                        bool video, std::vector<std::string>* warnings) {
+std::string report_page(const RunLog& log, const RunSummary& summary, const Trajectory& truth, const Pictures& pictures,
+                        std::vector<std::string>* warnings) {
   std::string page = html_head("Pocket PTAM: " + log.camera.name) + "<h1>" + html_escaped(log.camera.name) + "</h1>\n";
   page += "<section class=\"side\"><div><table>\n";
   for (const SummaryRow& row : summarise(log, summary)) {
     page += "<tr><th>" + html_escaped(row.label) + "</th><td>" + html_escaped(row.value) + "</td></tr>\n";
   }
   page += "</table></div>\n";
-  if (!still.empty()) page += image_tag("image/png", still, "the camera's view with the map's points and a house");
+  if (!pictures.good_png.empty())
+    page += image_tag("image/png", pictures.good_png, "the camera's view with the map's points and a house");
   page += "</section>\n";
-  if (video) {
+  if (pictures.video) {
     page += "<section><h2>Video</h2><a href=\"overlay.mp4\">overlay.mp4</a> (beside this file)</section>\n";
   }
 
@@ -255,6 +256,11 @@ std::string report_page(const RunLog& log, const RunSummary& summary, const Traj
     }
   } catch (const InputError& error) {
     warnings->push_back(std::string(error.what()) + "; report.html is written without plots");
+  }
+  if (!pictures.ground_png.empty()) {
+    page += "<section><h2>The ground</h2>" +
+            image_tag("image/png", pictures.ground_png, "the planes of the map, which may be its ground") + "<p>" +
+            html_escaped(pictures.ground_note) + "</p></section>\n";
   }
   page += "<section><h2>To repeat this run</h2><code>" + html_escaped(summary.command) + "</code><p>pocket-ptam " +
           html_escaped(summary.version) +

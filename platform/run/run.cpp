@@ -92,9 +92,15 @@ class Taps {
 };
 
 // Whether the spectator's key, if any, is to end the run; another one is obeyed.
-bool quits(const Spectator& spectator, System* system) {
+bool quits(const Spectator& spectator, System* system, RunLog* log) {
   const SystemCalls calls = {[system] { system->tap(); }, [system] { system->reset(); },
-                             [system](bool locked) { system->set_locked(locked); }};
+                             [system](bool locked) { system->set_locked(locked); },
+                             [=](const Vector2f& px) {
+                               pptam::Similarity change;
+                               const Status status = system->set_ground(px, &change);
+                               if (status.ok()) log->move_poses(change);
+                               return status;
+                             }};
   return spectator.key && !press(spectator.key(), *system, calls, spectator);
 }
 
@@ -113,6 +119,7 @@ RunLog run_sequence(Camera& camera, const RunOptions& options, const StartObserv
   LookAhead source(camera, &log.broken);
   if (!source.advance()) throw InputError(log.camera.name + ": holds no images");
   on_start(log.camera);
+  GroundChoice ground(options.ground);
   Taps taps(options.taps_s, options.auto_start, !options.load_map.empty());
   const int64_t first_timestamp_ns = source.current().timestamp_ns;
   int64_t origin_ns = saturated_difference(clock->now_ns(), first_timestamp_ns);
@@ -152,7 +159,11 @@ RunLog run_sequence(Camera& camera, const RunOptions& options, const StartObserv
       system->tap();
     const int64_t start_ns = clock->now_ns();
     const int64_t start_instructions = system->work_meter().instructions();
-    const TrackResult result = system->track(frame);
+    TrackResult result = system->track(frame);
+    if (ground.due(result)) {
+      ground.choose([system](const Vector2f& px, pptam::Similarity* change) { return system->set_ground(px, change); },
+                    &result);
+    }
     if (!result.status.ok()) {
       log.broken = log.camera.name + ": frame " + std::to_string(index) + " was refused: " + result.status.message();
       break;
@@ -169,11 +180,12 @@ RunLog run_sequence(Camera& camera, const RunOptions& options, const StartObserv
     log.frames.push_back(entry);
     if (on_frame) on_frame(frame, result, log);
     if (spectator.show) spectator.show(frame, result, entry, *system);
-    log.quit = !interrupted() && quits(spectator, system);
+    log.quit = !interrupted() && quits(spectator, system, &log);
   } while (!interrupted() && !log.quit && advance(end_ns));
   if (interrupted() && log.broken.empty()) log.broken = log.camera.name + ": " + interruption();
 
   log.warnings = camera.remarks();
+  if (!ground.trouble().empty()) log.warnings.push_back(ground.trouble());
   if (passed_over_ns > 0) {
     log.warnings.push_back(log.camera.name + format(": --clock steady: pauses longer than %.3g s were cut to that, by "
                                                     "%.0f s in all; --clock work keeps them",

@@ -22,6 +22,21 @@ std::vector<int> RunLog::maps() const {
   return {maps.begin(), maps.end()};
 }
 
+void RunLog::move_poses(const pptam::Similarity& change) {
+  if (frames.empty()) return;
+  const int map = frames.back().map;
+  Eigen::Isometry3d T_new_old = Eigen::Isometry3d::Identity();
+  T_new_old.linear() = change.T.R.cast<double>();
+  T_new_old.translation() = change.T.t.cast<double>();
+  const double scale = static_cast<double>(change.scale);
+  for (FrameLog& frame : frames) {
+    if (!frame.pose_valid || frame.map != map) continue;
+    frame.T_wc = T_new_old * frame.T_wc;
+    frame.T_wc.translation() *= scale;
+    frame.position_sigma *= scale;
+  }
+}
+
 int RunLog::main_map() const {
   std::map<int, int> poses;
   for (const FrameLog& frame : frames) poses[frame.map] += frame.pose_valid ? 1 : 0;

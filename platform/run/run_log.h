@@ -53,6 +53,7 @@ struct RunLog {
   std::vector<int> kept_maps;            // at the end
   std::vector<KeyframeInfo> keyframes;   // of main_map()
   std::vector<MapPointInfo> map_points;  // likewise
+  std::vector<PlaneInfo> planes;         // likewise: its grounds to choose from
   uint64_t map_hash = 0;                 // of the map in use at the end
   MapFit map_fit;
   int map_parts = 0;  // System::map_parts(kHoldingPoints): 1 for a sound map, 0 without one
@@ -63,6 +64,9 @@ struct RunLog {
   std::string broken;                 // what stopped the source midway; empty: it ran to its end
   std::string differs;                // where a live recording's repetition has other bits; empty: nowhere
   std::vector<std::string> warnings;  // one line each: the camera's remarks, pauses that were cut
+
+  // Moves the poses in the last frame's map into coordinates that have changed since (System::set_ground).
+  void move_poses(const pptam::Similarity& change);
 
   // Which map most poses belong to (TrackResult::map), of those that are left at the end if poses belong to any; 0
   // without a pose. Each map has a world of its own.

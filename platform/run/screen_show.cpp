@@ -27,7 +27,7 @@ constexpr int64_t kLongestWait_ns = 5'000'000'000;
 constexpr int64_t kLongestRest_ns = 500'000'000;  // the first picture's, whose drawing compiles shaders
 constexpr int64_t kStanding_ns = 500'000'000;     // without a new frame: drawn again
 constexpr int kLargestColoured = 2048;            // pixels a side: what any graphics processor takes
-constexpr const char* kHelp = "t tap  r reset  l lock  m mark  s save  p picture  v view  h help  q quit";
+constexpr const char* kHelp = "t tap  r reset  l lock  m mark  g ground  s save  p picture  v view  h help  q quit";
 
 int64_t steady_now_ns() {
   return SteadyClock().now_ns();
@@ -71,6 +71,8 @@ RunKey run_key_of(char character) {
       return RunKey::kLock;
     case 'm':
       return RunKey::kMark;
+    case 'g':
+      return RunKey::kGround;
     case 's':
       return RunKey::kSave;
     case 'q':

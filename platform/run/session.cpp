@@ -9,6 +9,7 @@
 #include <pocket_ptam/inspection.h>
 #include "platform/files.h"
 #include "platform/input_error.h"
+#include "platform/text.h"
 
 namespace pptam::platform {
 namespace {
@@ -22,6 +23,7 @@ Config config_for(const CameraInfo& info) {
   return config;
 }
 
+constexpr size_t kMostPlanes = 4;
 constexpr size_t kMaxMapFile = size_t{1} << 30;
 
 std::unique_ptr<Clock> make_clock(const RunOptions& options, const System& system) {
@@ -103,6 +105,19 @@ Session make_session(const CameraInfo& camera, const RunOptions& options) {
   return session;
 }
 
+void GroundChoice::choose(const SetGround& set_ground, TrackResult* result) {
+  pptam::Similarity change;
+  const Status status = set_ground(*px_, &change);
+  if (status.ok()) {
+    result->T_cw = change.moved(result->T_cw);
+    ++result->world_changes;
+  } else {
+    trouble_ = format("--ground %g,%g: ", static_cast<double>(px_->x()), static_cast<double>(px_->y())) +
+               status.message() + "; the ground is what was found";
+  }
+  px_.reset();
+}
+
 void take_map(System& system, const RunOptions& options, RunLog* log) {
   log->kept_maps.clear();
   for (const int map : log->maps()) {
@@ -113,6 +128,8 @@ void take_map(System& system, const RunOptions& options, RunLog* log) {
   system.keyframes(log->keyframes, map);
   log->map_points.resize(static_cast<size_t>(system.map_points({}, map)));
   system.map_points(log->map_points, map);
+  log->planes.resize(kMostPlanes);
+  log->planes.resize(static_cast<size_t>(system.planes(log->planes, map)));
   log->map_fit = map_fit(system);
   // Of the map in use, whose number is the last frame's.
   const bool in_use = log->frames.empty() || log->frames.back().map == map;

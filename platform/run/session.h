@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -27,10 +28,11 @@ struct RunOptions {
   bool auto_start = false;    // no taps but those of taps_s: Config::auto_start
   double plane_distance = 0;  // Config::initial_plane_distance
   bool steady_damping = true;
-  std::string load_map;   // file to begin with; empty: none. The first tap by itself is left out then
-  bool lock_map = false;  // System::set_locked
-  bool save_map = false;  // into RunLog::saved_map at the end
-  int hash_every = 0;     // frames: FrameLog::map_hash; 0: never
+  std::optional<Vector2f> ground;  // System::set_ground() after the first frame with a pose: a pixel of it
+  std::string load_map;            // file to begin with; empty: none. The first tap by itself is left out then
+  bool lock_map = false;           // System::set_locked
+  bool save_map = false;           // into RunLog::saved_map at the end
+  int hash_every = 0;              // frames: FrameLog::map_hash; 0: never
   std::optional<int> max_keyframes, max_erased_keyframes;  // Config's own without them
 };
 
@@ -46,6 +48,21 @@ struct Session {
 Session make_session(const CameraInfo& camera, const RunOptions& options);
 
 FrameLog log_of(const TrackResult& result);
+
+// RunOptions::ground, chosen once, when there is a pose for the first time.
+class GroundChoice {
+ public:
+  using SetGround = std::function<Status(const Vector2f& px, pptam::Similarity* change)>;
+  explicit GroundChoice(const std::optional<Vector2f>& px) : px_(px) {}
+  bool due(const TrackResult& result) const { return px_ && result.status.ok() && result.pose_valid; }
+  // The result's pose follows; no earlier one is in this map.
+  void choose(const SetGround& set_ground, TrackResult* result);
+  const std::string& trouble() const { return trouble_; }  // why it was not: one line
+
+ private:
+  std::optional<Vector2f> px_;
+  std::string trouble_;
+};
 
 // What is left at the end: the map and what there is to say of it; saved into the log if the options say so.
 void take_map(System& system, const RunOptions& options, RunLog* log);

@@ -39,6 +39,14 @@ bool press(RunKey key, const System& system, const SystemCalls& calls, const Spe
     case RunKey::kMark:  // a live run takes it itself
       text = "nothing is marked: marks give a live run its length (--length)";
       break;
+    case RunKey::kGround: {
+      const CameraModel& model = system.config().camera.model;
+      const Status status =
+          calls.set_ground(0.5f * Vector2f(static_cast<float>(model.width - 1), static_cast<float>(model.height - 1)));
+      text = status.ok() ? "the ground is what the middle of the image shows"
+                         : std::string("the ground stays: ") + status.message();
+      break;
+    }
     case RunKey::kSave:
       text = save_by_key(system, spectator);
       break;

@@ -11,7 +11,7 @@
 
 namespace pptam::platform {
 
-enum class RunKey { kNothing, kTap, kReset, kLock, kMark, kSave, kQuit };
+enum class RunKey { kNothing, kTap, kReset, kLock, kMark, kGround, kSave, kQuit };
 
 // Each function may be empty.
 struct Spectator {
@@ -26,6 +26,7 @@ struct Spectator {
 struct SystemCalls {
   std::function<void()> tap, reset;
   std::function<void(bool)> set_locked;
+  std::function<Status(const Vector2f&)> set_ground;
 };
 
 // Does what the key asks for and says so. False: the run is to end.

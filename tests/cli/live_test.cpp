@@ -244,7 +244,7 @@ TEST_F(Live, OtherBitsAreSeen) {
   EXPECT_TRUE(holds(repeat(folder).differs, "frame 40"));
 }
 
-TEST_F(Live, LoadAndLengthAreRepeatedToo) {
+TEST_F(Live, LoadLengthAndGroundAreRepeatedToo) {
   const Lived first = live("", 5, {{2, RunKey::kTap}, {desk().size() - 1, RunKey::kSave}});
   ASSERT_FALSE(first.map.empty());
   RunOptions options;
@@ -266,10 +266,14 @@ TEST_F(Live, LoadAndLengthAreRepeatedToo) {
     session.system->map_points(points);
     EXPECT_FALSE(system.set_length(points[0].id, points[0].id, 1).ok());  // refused: not noted
     ASSERT_TRUE(system.set_length(points[0].id, points[1].id, 0.777f).ok());
-    track(60, 75);
+    track(60, 70);
+    EXPECT_FALSE(system.set_ground(Vector2f(-1, 0), nullptr).ok());  // refused: not noted
+    ASSERT_TRUE(system.set_ground(Vector2f(120, 160.25f), nullptr).ok());
+    track(70, 75);
     recording.finish(map_hash(*session.system));
   }
   EXPECT_TRUE(holds(read(folder / "events.txt"), " 0.777"));
+  EXPECT_TRUE(holds(read(folder / "events.txt"), "\nground 120 160.25\n"));
   const RunLog again = repeat(folder);
   EXPECT_EQ(again.differs, "");
   EXPECT_EQ(again.map_hash, map_hash(*session.system));

@@ -12,6 +12,7 @@
 
 #include <pocket_ptam/inspection.h>
 #include "platform/run/evaluation.h"
+#include "platform/run/ground_view.h"
 #include "platform/run/run.h"
 #include "sim_phone/laboratory/start_study.h"
 #include "sim_phone/phone_camera.h"
@@ -109,6 +110,47 @@ TEST(Ground, IsBelowAnUprightFront) {
   }
   EXPECT_GE(maps, count - 1);
   EXPECT_LE(wrong, sampled(0, 2));  // 95 % are wanted
+}
+
+// Of a view of a board on a table both can be the ground, by the pixels that the report names. Angles of the found
+// normals against the truth's, whose ground is the table.
+TEST(Ground, IsWhatTheUserChooses) {
+  int tables = 0, boards = 0;
+  for (const uint64_t seed : {1u, 2u, 3u}) {
+    sim::PhoneOptions phone;
+    phone.scene = "front";
+    phone.seed = seed;
+    phone.duration_s = 7;
+    platform::GroundView view;
+    const auto run = [&](const platform::RunOptions& options) {
+      const std::unique_ptr<platform::Camera> camera = sim::make_phone_camera(phone);
+      return platform::run_sequence(
+          *camera, options, [](const platform::CameraInfo&) {},
+          [&](const Frame& frame, const TrackResult& result, const platform::RunLog&) { view.add(frame, result); });
+    };
+    const platform::Trajectory truth = sim::make_phone_camera(phone)->ground_truth();
+    const platform::RunLog log = run({});
+    const double usual_deg = platform::evaluate(log.trajectory(), truth, "run", "truth").vertical_error_deg;
+    const std::vector<platform::GroundView::Choice> choices = view.choices(log);
+    ASSERT_FALSE(choices.empty()) << seed;
+    for (const platform::GroundView::Choice& choice : choices) {
+      // Of the chosen plane as it is known at the end, which is turned by what the first ground was wrong by.
+      const float cosine = log.planes[choice.plane].normal_w.z();
+      const bool table = cosine > 0.9f;
+      if (!table && cosine > 0.3f) continue;  // neither: a plane by chance
+      platform::RunOptions options;
+      options.ground = choice.px;
+      const platform::RunLog chosen = run(options);
+      EXPECT_TRUE(chosen.warnings.empty()) << seed << ": " << chosen.warnings.front();
+      ASSERT_GT(chosen.trajectory().size(), static_cast<size_t>(platform::kFewPoses));
+      const double error_deg = platform::evaluate(chosen.trajectory(), truth, "run", "truth").vertical_error_deg;
+      // The first ground is right within 10 degrees of most maps, and a choice by a dozen points and more is as good.
+      EXPECT_NEAR(error_deg, table ? 0 : 90, 10) << seed << ", first " << usual_deg;
+      ++(table ? tables : boards);
+    }
+  }
+  EXPECT_GE(tables, 2);
+  EXPECT_GE(boards, 2);
 }
 
 TEST(StartStudy, OtherCamerasStartToo) {
@@ -344,6 +386,57 @@ TEST(Start, KnownLengthBetweenTwoPointsRescalesTheWorld) {
   // One frame's movement is at most 0.2 m/s / 15 = 13 mm of the half metre to the desk.
   EXPECT_LT((T_after.centre() / 5 - T_before.centre()).norm(), 0.05f * T_before.centre().norm());
   EXPECT_GT((T_after.centre() - T_before.centre()).norm(), 1.0f * T_before.centre().norm());
+}
+
+TEST(Ground, ChangesOnlyTheCoordinates) {
+  Phone phone(test::config_for(desk()));
+  const Vector2f middle_px(120, 160);
+  EXPECT_EQ(phone->set_ground(middle_px).code(), StatusCode::kNotReady) << "there is no map";
+  phone->tap();
+  const int middle = 75;
+  TrackResult before;
+  for (int i = 0; i < middle; ++i) {
+    before = phone->track(desk().frame(i));
+    phone.drain();
+  }
+  ASSERT_TRUE(before.pose_valid);
+  EXPECT_EQ(before.world_changes, 0);
+  std::vector<MapPointInfo> old_points(static_cast<size_t>(phone->map_points({})));
+  phone->map_points(old_points);
+  const uint64_t hash = map_hash(*phone);
+  for (const Vector2f& px : {Vector2f(-1, 5), Vector2f(5, 320), Vector2f(std::nanf(""), 5), Vector2f(5, INFINITY)})
+    EXPECT_EQ(phone->set_ground(px).code(), StatusCode::kInvalidArgument) << px.transpose();
+  EXPECT_EQ(map_hash(*phone), hash) << "refused: nothing has changed";
+
+  Similarity change;
+  ASSERT_TRUE(phone->set_ground(middle_px, &change).ok());
+  EXPECT_EQ(change.scale, 1);
+  std::vector<MapPointInfo> points(static_cast<size_t>(phone->map_points({})));
+  phone->map_points(points);
+  ASSERT_EQ(points.size(), old_points.size());
+  const float depth = before.T_cw.centre().norm();
+  for (size_t i = 0; i < points.size(); ++i)
+    EXPECT_LT((points[i].p_w - change * old_points[i].p_w).norm(), 1e-5f * depth);  // rounding of a few operations
+  // The origin is at the pixel, z towards the camera.
+  Vector2f px;
+  const SE3 T_now = change.moved(before.T_cw);
+  ASSERT_TRUE(phone->config().camera.project(T_now * Vector3f::Zero(), &px));
+  EXPECT_LT((px - middle_px).norm(), 0.01f);
+  EXPECT_GT(T_now.centre().z(), 0.1f * depth);
+  // The desk's plane is the ground already: z hardly turns. Its points scatter by some hundredths of the depth.
+  EXPECT_GT(change.T.R(2, 2), 0.99f);
+  PlaneInfo planes[2];
+  ASSERT_GE(phone->planes(planes), 1);
+  EXPECT_GT(planes[0].normal_w.z(), 0.99f);
+  EXPECT_LT(std::abs(planes[0].middle_w.z()), planes[0].threshold);
+
+  for (int i = middle; i < desk().size(); ++i) {
+    const TrackResult result = phone->track(desk().frame(i));
+    phone.drain();
+    ASSERT_TRUE(result.pose_valid) << i;
+    EXPECT_EQ(result.world_changes, 1);
+    if (i == middle) EXPECT_LT((result.T_cw.centre() - T_now.centre()).norm(), 0.05f * depth) << "13 mm a frame";
+  }
 }
 
 // The slice that finishes the map changes its coordinates, and the length does so again before the next frame.

@@ -519,7 +519,8 @@ TEST_F(PaintedCullingTest, ErasedKeyframesServePatchesAndRelocalisation) {
   std::vector<std::max_align_t> memory(measure.used() / sizeof(std::max_align_t) + 1);
   Arena arena(std::as_writable_bytes(std::span(memory)));
   FullFrameRotation rotation(arena, config_.camera);
-  const RelocalisationCandidate candidate = propose_pose(map_, rotation, false, map_.keyframes()[2].small, 0, meter_);
+  const RelocalisationCandidate candidate =
+      propose_pose(map_, config_.camera, rotation, false, map_.keyframes()[2].small, 0, meter_);
   EXPECT_EQ(candidate.keyframe, 2);
   EXPECT_LT((candidate.T_cw.t - map_.keyframes()[2].T_kw.t).norm(), 1e-3f);
 }
