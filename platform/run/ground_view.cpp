@@ -46,12 +46,14 @@ std::vector<GroundView::Seen> GroundView::seen_points(const RunLog& log, const V
   const auto frame = std::find_if(log.frames.begin(), log.frames.end(),
                                   [&](const FrameLog& f) { return f.timestamp_ns == view.timestamp_ns; });
   if (frame == log.frames.end() || !frame->pose_valid) return seen;
+  CameraModel model = log.camera.model;
+  model.prepare();
   const Eigen::Isometry3d T_cw = frame->T_wc.inverse();
   seen.reserve(log.map_points.size());
   for (const MapPointInfo& point : log.map_points) {
     Vector2f px;
     const Eigen::Vector3d p_c = T_cw * point.p_w.cast<double>();
-    if (!log.camera.model.project(p_c.cast<float>(), &px) || !log.camera.model.in_image(px, 0)) continue;
+    if (!model.project(p_c.cast<float>(), &px) || !model.in_image(px, 0)) continue;
     int plane = -1;
     for (size_t i = 0; i < log.planes.size() && plane < 0; ++i) {
       const PlaneInfo& info = log.planes[i];

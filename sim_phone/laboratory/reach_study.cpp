@@ -53,7 +53,12 @@ bool make_map(const sim::PhoneOptions& phone, const RunOptions& options, Mapped*
   const Evaluation evaluation = evaluate(estimate, truth, "run", "ground truth");
   if (evaluation.wrong_poses > 0) return false;
   mapped->map = log.saved_map;
-  mapped->to_truth = evaluation.alignment;
+  // By the last pose's orientation: positions nearly in a line say little of the rotation between the worlds.
+  const AssociatedPose& last = evaluation.poses.back();
+  mapped->to_truth.scale = evaluation.alignment.scale;
+  mapped->to_truth.R = last.truth_T_wc.linear() * last.T_wc.linear().transpose();
+  mapped->to_truth.t =
+      last.truth_T_wc.translation() - mapped->to_truth.scale * (mapped->to_truth.R * last.T_wc.translation());
   mapped->last_view = truth.back().T_wc;
   std::vector<double> depths;
   for (const MapPointInfo& point : log.map_points) {
