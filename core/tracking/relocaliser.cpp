@@ -43,9 +43,8 @@ struct Thumb {
 
 // How well the frame, laid over a keyframe at a shift in its thumb's pixels, agrees with what is below it.
 struct Overlay {
-  float score = -1;  // correlation times the root of the covered share: chance agrees better in small parts
+  float score = -1;  // of the correlation and the covered share: chance agrees better in small parts
   int shift_x = 0, shift_y = 0;
-  size_t scale = 0;  // of kScales
 };
 
 // Of zero-mean normalised correlation, n (sum ab) - (sum a)(sum b) over the root of the variances. Sums of at most 256
@@ -75,7 +74,8 @@ float correlation_at(const GreyView& a, const GreyView& b, int shift_x, int shif
 }
 
 // The best of all shifts at which enough is covered. *compared: pixels, added to.
-void lay_over(const GreyView& keyframe, const GreyView& frame, size_t scale, Overlay* best, int* compared) {
+Overlay lay_over(const GreyView& keyframe, const GreyView& frame, int* compared) {
+  Overlay best;
   const float whole = static_cast<float>(keyframe.width * keyframe.height);
   for (int y = 1 - frame.height; y < keyframe.height; ++y) {
     const int rows = std::min(keyframe.height, frame.height + y) - std::max(0, y);
@@ -83,10 +83,14 @@ void lay_over(const GreyView& keyframe, const GreyView& frame, size_t scale, Ove
       const int columns = std::min(keyframe.width, frame.width + x) - std::max(0, x);
       const float covered = static_cast<float>(rows * columns) / whole;
       if (covered < kMinCovered) continue;
-      const float score = correlation_at(keyframe, frame, x, y, compared) * std::sqrt(std::min(covered, 1.0f));
-      if (score > best->score) *best = {score, x, y, scale};
+      // (1 + r) / (1 - r) for a correlation r is exp(2 atanh r): Fisher's z, whose sigma falls as the root of the
+      // pixels.
+      const float r = std::clamp(correlation_at(keyframe, frame, x, y, compared), 0.0f, 0.999f);
+      const float score = covered < 1 ? std::log((1 + r) / (1 - r)) * std::sqrt(covered) : std::log((1 + r) / (1 - r));
+      if (score > best.score) best = {score, x, y};
     }
   }
+  return best;
 }
 
 // The rotation by the smallest angle that takes unit vector a to b; not for opposite ones.
@@ -103,8 +107,8 @@ struct Moved {
   Matrix3f R_cp = Matrix3f::Identity();
   Vector3f t_over_depth = Vector3f::Zero();
 };
-Moved moved_by(const Overlay& overlay, const Camera& camera, const GreyView& small, const GreyView& keyframe,
-               const GreyView& frame) {
+Moved moved_by(const Overlay& overlay, float scale, const Camera& camera, const GreyView& small,
+               const GreyView& keyframe, const GreyView& frame) {
   const auto under = [&](float middle, int small_side, int frame_side, int keyframe_side, int shift) {
     const float in_small = from_level0(middle, kPyramidLevels - 1) + 0.5f;
     const float in_keyframe =
@@ -119,7 +123,7 @@ Moved moved_by(const Overlay& overlay, const Camera& camera, const GreyView& sma
   Moved moved;
   moved.R_cp = rotation_between(camera.unproject(seen).homogeneous().normalized(),
                                 camera.unproject(middle).homogeneous().normalized());
-  moved.t_over_depth.z() = 1 / kScales[overlay.scale] - 1;
+  moved.t_over_depth.z() = 1 / scale - 1;
   return moved;
 }
 
@@ -148,6 +152,7 @@ struct Part {
     end = std::min(first + most, keyframes);
     rank = attempt % kRelocalisationRanks;
   }
+  size_t size() const { return static_cast<size_t>(std::max(0, end - first)); }
 };
 
 }  // namespace
@@ -155,42 +160,53 @@ struct Part {
 RelocalisationCandidate propose_pose(const Map& map, const Camera& camera, FullFrameRotation& full_frame_rotation,
                                      bool lamp_bands, const GreyView& small, int attempt, WorkMeter& meter) {
   RelocalisationCandidate candidate;
-  const bool shifted = attempt % 2 == 1;
-  const Part part(map.keyframes().size(), shifted ? kShiftedKeyframes : kComparedKeyframes, attempt / 2);
-  float score[kComparedKeyframes];
-  Overlay overlays[kShiftedKeyframes];
-  const Thumb frame[] = {{small, kScales[0]}, {small, kScales[1]}, {small, kScales[2]}};
+  float least_residual = 0;
+  const auto align = [&](int k, const Moved& start) {
+    const Keyframe& keyframe = map.keyframes()[k];
+    const RotationEstimate rotation =
+        full_frame_rotation.estimate(keyframe.small, small, start.R_cp, start.t_over_depth, lamp_bands);
+    meter.charge(Work::kRotationPixel, static_cast<int64_t>(rotation.iterations) * small.width * small.height);
+    // `near`: the rotation left over is within the tracker's wide search.
+    if (!rotation.near || (candidate.keyframe >= 0 && rotation.residual >= least_residual)) return;
+    least_residual = rotation.residual;
+    candidate = {k, SE3(rotation.R_cp, start.t_over_depth * keyframe.mean_depth) * keyframe.T_kw};
+  };
+  const int slots = map.keyframes().size();
   int compared = 0;
-  for (int k = part.first; k < part.end; ++k) {
-    float& value = score[k - part.first];
-    value = -1;
-    if (map.keyframes()[k].id == 0) continue;
-    if (!shifted) {
-      value = 1 / (1 + static_cast<float>(small_image_zmssd(map.keyframes()[k].small, small)));
+  if (attempt % 2 == 0) {
+    const Part part(slots, kComparedKeyframes, attempt / 2);
+    float scores[kComparedKeyframes];
+    for (int k = part.first; k < part.end; ++k) {
+      const Keyframe& keyframe = map.keyframes()[k];
+      scores[k - part.first] = -1;
+      if (keyframe.id == 0) continue;
+      scores[k - part.first] = 1 / (1 + static_cast<float>(small_image_zmssd(keyframe.small, small)));
       compared += small.width * small.height;
-      continue;
     }
-    Overlay& overlay = overlays[k - part.first];
-    const Thumb thumb(map.keyframes()[k].small, kScales[0]);
-    for (size_t scale = 0; scale < std::size(kScales); ++scale)
-      lay_over(thumb.image, frame[scale].image, scale, &overlay, &compared);
-    value = overlay.score;
+    meter.charge(Work::kRotationPixel, compared / kWholePerRotationPixel);
+    const int best = ranked({scores, part.size()}, part.rank);
+    if (best >= 0) align(part.first + best, Moved());
+    return candidate;
   }
-  meter.charge(Work::kRotationPixel, compared / (shifted ? kShiftedPerRotationPixel : kWholePerRotationPixel));
-  const int best = ranked({score, static_cast<size_t>(std::max(0, part.end - part.first))}, part.rank);
-  if (best < 0) return candidate;
-  const Keyframe& keyframe = map.keyframes()[part.first + best];
-  Moved start;
-  if (shifted) {
-    const Thumb thumb(keyframe.small, kScales[0]);
-    start = moved_by(overlays[best], camera, small, thumb.image, frame[overlays[best].scale].image);
+  // Of each scale the best, from which the aligned images choose.
+  const Part part(slots, kShiftedKeyframes, attempt / 2);
+  for (const float scale : kScales) {
+    const Thumb frame(small, scale);
+    float scores[kShiftedKeyframes];
+    Overlay overlays[kShiftedKeyframes];
+    GreyView size;
+    for (int k = part.first; k < part.end; ++k) {
+      scores[k - part.first] = -1;
+      if (map.keyframes()[k].id == 0) continue;
+      const Thumb thumb(map.keyframes()[k].small, 1);
+      overlays[k - part.first] = lay_over(thumb.image, frame.image, &compared);
+      scores[k - part.first] = overlays[k - part.first].score;
+      size = {nullptr, thumb.image.width, thumb.image.height, thumb.image.stride};
+    }
+    const int best = ranked({scores, part.size()}, part.rank);
+    if (best >= 0) align(part.first + best, moved_by(overlays[best], scale, camera, small, size, frame.image));
   }
-  const RotationEstimate rotation =
-      full_frame_rotation.estimate(keyframe.small, small, start.R_cp, start.t_over_depth, lamp_bands);
-  meter.charge(Work::kRotationPixel, static_cast<int64_t>(rotation.iterations) * small.width * small.height);
-  if (!rotation.near) return candidate;  // `near`: the rotation left over is within the tracker's wide search
-  candidate.keyframe = part.first + best;
-  candidate.T_cw = SE3(rotation.R_cp, start.t_over_depth * keyframe.mean_depth) * keyframe.T_kw;
+  meter.charge(Work::kRotationPixel, compared / kShiftedPerRotationPixel);
   return candidate;
 }
 

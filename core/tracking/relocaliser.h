@@ -17,7 +17,7 @@ struct RelocalisationCandidate {
   SE3 T_cw;  // the keyframe's pose, moved by what aligns the small images
 };
 
-// Keyframes compared in one attempt, whole images and shifted ones: 0.5 and at most 1.5 million ARMv6 instructions
+// Keyframes compared in one attempt, whole images and shifted ones: 0.5 and at most 2 million ARMv6 instructions
 // (estimates). Bounds the time of a lost frame.
 constexpr int kComparedKeyframes = 128, kShiftedKeyframes = 24;
 constexpr int kRelocalisationRanks = 3;  // best keyframes among these that are tried, one an attempt; not swept
