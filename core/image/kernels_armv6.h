@@ -157,6 +157,37 @@ inline void window_sums(const uint8_t* px, int stride, StructureTensor sums[9]) 
   }
 }
 
+inline uint32_t load_two(const uint8_t* px) {
+  uint16_t two;
+  std::memcpy(&two, px, sizeof two);
+  return two;
+}
+
+// One multiplication blends two rows along x: the pair (upper, lower) holds at most 255 x 256.
+inline WarpBlur warp(WarpGrid grid, uint8_t* framed) {
+  if (touches_last(grid)) return plain::warp(grid, framed);
+  uint32_t weights = 0;  // pair (x, y): at most 100 x 255
+  int32_t x_squares = 0, y_squares = 0;
+  for (int j = 0; j < kPatchFramed; ++j) {
+    int32_t x = grid.x + j * grid.dx_dj, y = grid.y + j * grid.dy_dj;
+    for (int i = 0; i < kPatchFramed; ++i, x += grid.dx_di, y += grid.dy_di) {
+      const uint8_t* px = grid.image + (y >> 16) * grid.stride + (x >> 16);
+      const uint32_t two_rows = load_two(px) | load_two(px + grid.stride) << 16;
+      const uint32_t left = even_bytes(two_rows), right = odd_bytes(two_rows);
+      const uint32_t x_weight = static_cast<uint32_t>(x) >> 8 & 255, y_weight = static_cast<uint32_t>(y) >> 8 & 255;
+      const uint32_t rows = (left << 8) + (right - left) * x_weight;
+      const uint32_t upper = rows & 0xffffu;
+      *framed++ = static_cast<uint8_t>(((upper << 8) + 32768 + ((rows >> 16) - upper) * y_weight) >> 16);
+      weights += x_weight + (y_weight << 16);
+      x_squares += static_cast<int32_t>(x_weight * x_weight);
+      y_squares += static_cast<int32_t>(y_weight * y_weight);
+    }
+  }
+  // f (1 - f) in units of 2^-16 is 256 w - w^2 for the weight w.
+  return {static_cast<int32_t>((weights & 0xffffu) << 8) - x_squares,
+          static_cast<int32_t>(weights >> 16 << 8) - y_squares};
+}
+
 // Rows are stored as the pairs (0, 2), (1, 3), (4, 6), (5, 7).
 inline void pack_template(const uint8_t* framed, PackedTemplate* packed) {
   int32_t sum = 0;

@@ -21,11 +21,6 @@ constexpr float kMinDeterminant = 1.0f / 8;
 // Of a predicted position, pixels: twice any image's size, and within the range that converts to int32_t.
 constexpr float kMaxCoordinate = 32768.0f;
 
-// Linear interpolation, 256 a + (b - a) weight, with weight 0..256: in units of 1/256, between 256 a and 256 b.
-inline int32_t blend(int32_t a, int32_t b, int32_t weight) {
-  return (a << 8) + (b - a) * weight;
-}
-
 // Share of the lines' summed squares that tells a slope from a gain: smaller only where all but one line are black.
 constexpr float kMinLight = 1e-3f;
 
@@ -69,25 +64,9 @@ bool warp_patch(const GreyView& source, const Eigen::Vector2f& centre, const Eig
   };
   if (!inside(x_start, dx_di, dx_dj, source.width) || !inside(y_start, dy_di, dy_dj, source.height)) return false;
 
-  // Positions are rounded to 1/256 px. On the last column or row the 2x2 starts one earlier, with weight 256.
-  const int x_max = source.width - 2, y_max = source.height - 2;
-  int32_t x_blur = 0, y_blur = 0;  // sums of f (1 - f) in units of 2^-16 along source axes, at most 100 x 2^14
-  uint8_t* px_out = out->px;
-  for (int j = 0; j < kPatchFramed; ++j) {
-    int32_t x = x_start + j * dx_dj + 128;
-    int32_t y = y_start + j * dy_dj + 128;
-    for (int i = 0; i < kPatchFramed; ++i, x += dx_di, y += dy_di) {
-      const int32_t x0 = std::min(x >> 16, x_max), y0 = std::min(y >> 16, y_max);
-      const int32_t x_weight = (x >> 8) - x0 * 256, y_weight = (y >> 8) - y0 * 256;
-      x_blur += x_weight * (256 - x_weight);
-      y_blur += y_weight * (256 - y_weight);
-      const uint8_t* upper_px = source.data + y0 * source.stride + x0;
-      const uint8_t* lower_px = upper_px + source.stride;
-      const int32_t upper = blend(upper_px[0], upper_px[1], x_weight);  // at most 255 x 2^8
-      const int32_t lower = blend(lower_px[0], lower_px[1], x_weight);
-      *px_out++ = static_cast<uint8_t>((blend(upper, lower, y_weight) + 32768) >> 16);
-    }
-  }
+  const WarpBlur blur_sums = kernel::warp({source.data, source.stride, source.width - 1, source.height - 1,
+                                           x_start + 128, y_start + 128, dx_di, dy_di, dx_dj, dy_dj},
+                                          out->px);
   // The blur is along the source's axes; the refinement needs it along the template's. With K = J_src_tpl^-1 the second
   // derivative S_xx of the source is K_00^2 T_xx + K_10^2 T_yy and a mixed term. The mixed terms of both axes nearly
   // cancel.
@@ -95,7 +74,8 @@ bool warp_patch(const GreyView& source, const Eigen::Vector2f& centre, const Eig
   const float scale =
       1.0f / (kPatchFramed * kPatchFramed * std::max(determinant * determinant, kMinDeterminant * kMinDeterminant));
   const auto in_template = [&](float K_x, float K_y) {
-    const float blur = scale * (static_cast<float>(x_blur) * K_x * K_x + static_cast<float>(y_blur) * K_y * K_y);
+    const float blur =
+        scale * (static_cast<float>(blur_sums.x) * K_x * K_x + static_cast<float>(blur_sums.y) * K_y * K_y);
     return static_cast<int32_t>(std::min(blur, kMaxBlur));
   };
   out->x_blur = in_template(J_src_tpl(1, 1), J_src_tpl(0, 1));
