@@ -47,9 +47,14 @@ inline bool touches_last(const WarpGrid& grid) {
 // The 8x8 pixels of a template, prepared for zmssd_x64().
 struct PackedTemplate {
   alignas(8) int16_t px[kPatchSize * kPatchSize];  // row by row; the order within a row depends on the variant
-  int32_t sum_2_rows = 0;                          // sums of the first 2, 4 and 8 rows
+  int32_t sum_2_rows = 0;                          // sums of the middle 2 and 4 rows, and of all 8
   int32_t sum_4_rows = 0;
   int32_t sum = 0;
+  void add_up(const int32_t (&rows)[kPatchSize]) {  // the sums of its rows
+    sum_2_rows = rows[3] + rows[4];
+    sum_4_rows = rows[2] + sum_2_rows + rows[5];
+    sum = rows[0] + rows[1] + sum_4_rows + rows[6] + rows[7];
+  }
 };
 
 // What refine_sums() needs of the framed template; the same in all iterations of a refinement.
@@ -182,42 +187,42 @@ inline WarpBlur warp(WarpGrid grid, uint8_t* framed) {
 
 // Prepares a template for zmssd_x64(). framed: 10x10 pixels, row-major.
 inline void pack_template(const uint8_t* framed, PackedTemplate* packed) {
-  int32_t sum = 0;
+  int32_t rows[kPatchSize] = {};
   for (int r = 0; r < kPatchSize; ++r) {
     for (int c = 0; c < kPatchSize; ++c) {
       const uint8_t value = framed[(r + 1) * kPatchFramed + c + 1];
       packed->px[r * kPatchSize + c] = value;
-      sum += value;
+      rows[r] += value;
     }
-    if (r == 1) packed->sum_2_rows = sum;
-    if (r == 3) packed->sum_4_rows = sum;
   }
-  packed->sum = sum;
+  packed->add_up(rows);
 }
 
 // 64 times the zero-mean sum of squared differences, 64 sum d^2 - (sum d)^2 with d = I - T over the 8x8 pixels at
 // image: grey^2, at most 64^2 x 255^2 = 2.7e8. When it is not below limit, any number >= limit may be returned instead:
-// the zero-mean sum of the first rows is never greater than that of all rows, so most candidates are rejected after two
-// or four rows. Where eight rows take less than the branches, all are summed.
+// the zero-mean sum of some rows is never greater than that of all rows, so most candidates are rejected after two or
+// four rows. These are the middle ones, where a corner's template has most of its contrast. Where eight rows take less
+// than the branches, all are summed.
 inline int32_t zmssd_x64(const uint8_t* image, int stride, const PackedTemplate& patch, int32_t limit) {
   int32_t squares = 0, sum = 0;
-  const auto add_two_rows = [&](int r) {
-    const uint8_t* I = image + r * stride;
-    const int16_t* T = patch.px + r * kPatchSize;
+  const auto add_two_rows = [&](int r) {  // r and the one as far from the other end
+    const int other = kPatchSize - 1 - r;
     int16_t d[2 * kPatchSize];
-    for (int c = 0; c < kPatchSize; ++c) d[c] = static_cast<int16_t>(I[c] - T[c]);
-    for (int c = 0; c < kPatchSize; ++c) d[c + kPatchSize] = static_cast<int16_t>(I[c + stride] - T[c + kPatchSize]);
+    for (int c = 0; c < kPatchSize; ++c)
+      d[c] = static_cast<int16_t>(image[r * stride + c] - patch.px[r * kPatchSize + c]);
+    for (int c = 0; c < kPatchSize; ++c)
+      d[c + kPatchSize] = static_cast<int16_t>(image[other * stride + c] - patch.px[other * kPatchSize + c]);
     for (int c = 0; c < 2 * kPatchSize; ++c) squares += d[c] * d[c];
     for (int c = 0; c < 2 * kPatchSize; ++c) sum += d[c];
   };
-  add_two_rows(0);
+  add_two_rows(3);
   const int32_t after_2 = 4 * (16 * squares - sum * sum);
   if (after_2 >= limit) return after_2;
   add_two_rows(2);
   const int32_t after_4 = 2 * (32 * squares - sum * sum);
   if (after_4 >= limit) return after_4;
-  add_two_rows(4);
-  add_two_rows(6);
+  add_two_rows(1);
+  add_two_rows(0);
   return 64 * squares - sum * sum;
 }
 

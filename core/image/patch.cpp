@@ -101,7 +101,16 @@ bool search_patch(const GreyView& image, const PatchTemplate& patch, const Eigen
   kernel::pack_template(patch.px, &packed);
   const int32_t initial = std::clamp(max_zmssd, -1, kMaxSquares) + 1;
   int32_t best = initial;
+  bool found = false;
   const auto outside = [radius_sq = radius * radius](float dx, float dy) { return dx * dx + dy * dy > radius_sq; };
+  // The position nearest to the prediction first. It is compared again in its turn, but where it is like the template,
+  // as it mostly is, the others are rejected sooner.
+  const int x_nearest = std::clamp(static_cast<int>(std::floor(left + 0.5f)), x_first, x_last);
+  const int y_nearest = std::clamp(static_cast<int>(std::floor(top + 0.5f)), y_first, y_last);
+  if (!outside(static_cast<float>(x_nearest) - left, static_cast<float>(y_nearest) - top)) {
+    const int32_t zmssd = kernel::zmssd_x64(image.row(y_nearest) + x_nearest, image.stride, packed, initial * kPixels);
+    best = std::min(initial, zmssd / kPixels + 1);
+  }
   for (int y = y_first; y <= y_last; ++y) {
     const float dy = static_cast<float>(y) - top;
     int from = x_first, to = x_last;  // the part of the row inside the circle
@@ -113,12 +122,13 @@ bool search_patch(const GreyView& image, const PatchTemplate& patch, const Eigen
       const int32_t zmssd = kernel::zmssd_x64(row + x, image.stride, packed, best * kPixels);
       if (zmssd >= best * kPixels) continue;
       best = zmssd / kPixels;
+      found = true;
       hit->x = x;
       hit->y = y;
       hit->zmssd = best;
     }
   }
-  return best < initial;
+  return found;
 }
 
 void match_light(const GreyView& image, const Eigen::Vector2f& at, LampLines lines, PatchTemplate* patch) {
@@ -194,9 +204,10 @@ bool refine_patch(const GreyView& image, const PatchTemplate& patch, const Eigen
     sample.y_blur = sample.y_weight * (kSubpixels - sample.y_weight) * kBlurUnit - patch.y_blur;
     const RefineSums sums = kernel::refine_sums(sample, prepared);
 
-    // Sum of products with the mean offset eliminated, times 64: 64 sum a b - sum a sum b, exact, then float.
+    // Sum of products with the mean offset eliminated, times 64: 64 sum a b - sum a sum b, exact (at most 6.8e10 each:
+    // in double, because converting 64-bit integers takes ARMs without that instruction long), then float.
     const auto central = [](int32_t products, int32_t a, int32_t b) {
-      return static_cast<float>(int64_t{kPixels} * products - static_cast<int64_t>(a) * b);
+      return static_cast<float>(double{kPixels} * products - static_cast<double>(a) * b);
     };
     const float A = central(sums.xx, sums.x, sums.x), B = central(sums.xy, sums.x, sums.y);
     const float C = central(sums.yy, sums.y, sums.y);
