@@ -41,7 +41,7 @@ RelocalisationCandidate propose_pose(const Map& map, FullFrameRotation& full_fra
   const Keyframe& keyframe = map.keyframes()[best];
   const RotationEstimate rotation =
       full_frame_rotation.estimate(keyframe.small, small, Matrix3f::Identity(), Vector3f::Zero(), lamp_bands);
-  meter.charge(Work::kRotationPixel, static_cast<int64_t>(rotation.iterations) * small.width * small.height);
+  meter.charge(Work::kRotationPixel, static_cast<int64_t>(rotation.iterations) * full_frame_rotation.pixels());
   if (!rotation.near) return candidate;  // `near`: the rotation left over is within the tracker's wide search
   candidate.keyframe = best;
   candidate.T_cw = SE3(rotation.R_cp, Vector3f::Zero()) * keyframe.T_kw;
