@@ -30,7 +30,8 @@ constexpr float kMinWarpArea = 1e-3f, kMaxWarpArea = 1e3f;
 // mean is taken at most. Blurred from 1 or 1.5 px on nothing is gained, and each blurred template costs two warps.
 constexpr float kMinStreak_px = 2;
 constexpr int kMaxStreakParts = 6;
-constexpr int64_t kStreakInstructions = 500;  // of one streak(): an estimate
+constexpr int64_t kAffinityInstructions = 950;  // ARMv6, of one patch's affine map, as counted
+constexpr int64_t kStreakInstructions = 500;    // of one streak(): an estimate
 // Pixels of the level searched by which a kept template may be wrong anywhere. Six stories, three seeds each, error of
 // the path beside that with templates of each frame: 0.97 times as large, with twice that 1.17, with four times 1.28.
 constexpr float kKeptWarp_px = 0.125f;
@@ -191,6 +192,7 @@ SearchOutcome PatchFinder::find(const PatchSource& source, const Vector3f& p_w, 
   const Keyframe& keyframe = map_.keyframes()[source.keyframe];
   const Vector3f p_s = keyframe.T_kw * p_w;
   Matrix2f A_t_s;
+  meter_.charge(Work::kOther, kAffinityInstructions);
   if (!patch_affinity(camera_, p_s, source.normal, predicted.T_cw * keyframe.T_kw.inverse(), &A_t_s))
     return SearchOutcome::kNotVisible;
   Vector2f streak_px = Vector2f::Zero();

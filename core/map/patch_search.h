@@ -50,7 +50,7 @@ SearchOutcome find_template(const Pyramid& target, const PatchTemplate& patch, c
 // inside.
 bool predict_in_keyframe(const Map& map, const Camera& camera, int keyframe, const Vector3f& p_w,
                          PredictedPoint* predicted);
-constexpr int64_t kPredictionInstructions = 700;  // of one predict_in_keyframe(), as counted for the ARM1176
+constexpr int64_t kPredictionInstructions = 900;  // of one Camera::project_rolling(), as counted for the ARM1176
 
 // Source camera to world, at the exposure time of the source pixel's line: the frame of PartialPoint::ray.
 SE3 exposed_pose(const Map& map, const Camera& camera, const PatchSource& source);

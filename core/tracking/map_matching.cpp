@@ -78,6 +78,7 @@ struct MapMatching::Rows final : PoseRows {
 MapMatching::MapMatching(Arena& arena, const Config& config, Map& map, WorkMeter& meter)
     : config_(config),
       map_(map),
+      meter_(meter),
       selection_(arena, config, meter),
       attempts_(arena, config.max_measured_points),
       finder_(map, config, meter),
@@ -161,6 +162,7 @@ void MapMatching::search(const Pyramid& pyramid, const SE3& T_start, const Veloc
     const MapPoint& point = map_.points()[index];
     PredictedPoint predicted;
     if (point.id == 0) continue;  // of support(): removed since the last frame
+    meter_.charge(Work::kOther, kPredictionInstructions);
     if (!config_.camera.project_rolling(T_start, prior.mean, point.p_w, &predicted) ||
         !config_.camera.in_image(predicted.px, kSearchBorder_px))
       continue;

@@ -89,6 +89,7 @@ class MapMatching {
 
   const Config& config_;
   Map& map_;
+  WorkMeter& meter_;
   PointSelection selection_;
   std::span<const int> selected_;
   FixedVector<Attempt> attempts_;
