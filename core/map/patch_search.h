@@ -62,7 +62,7 @@ struct KeptTemplate {
   Vector2f source_px = Vector2f::Zero();
   Matrix2f A_s_t = Matrix2f::Zero();  // inverse of its affine map
   Vector2f streak_px = Vector2f::Zero();
-  bool in_use = false;  // KeptTemplates
+  uint32_t asked_for = 0;  // KeptTemplates
   PatchTemplate patch;
 
   // Whether it shows the patch as A_t_s would, to half a pixel of `level` anywhere in the 8x8. (streak_px likewise.)

@@ -15,21 +15,19 @@ class KeptTemplates {
     templates_.resize(templates_.capacity());
   }
 
-  // The template kept of the point in a slot of the map; another's place, emptied, if there is none. Of those that were
-  // not asked for since the last look at them, the next one in turn gives way.
+  void begin_search() { ++search_; }
+  // The template kept of the point in a slot of the map; another's place, emptied, if there is none. One that was asked
+  // for neither in this search nor in the last one gives way, if there is any.
   KeptTemplate* of(int slot, uint32_t point_id) {
     if (templates_[place_[slot]].point_id != point_id) {
-      while (templates_[next_].in_use) {
-        templates_[next_].in_use = false;
-        advance();
-      }
+      for (int k = 0; k < templates_.size() && templates_[next_].asked_for + 1 >= search_; ++k) advance();
       place_[slot] = static_cast<int16_t>(next_);
       templates_[next_] = KeptTemplate();
       templates_[next_].point_id = point_id;
       advance();
     }
     KeptTemplate& kept = templates_[place_[slot]];
-    kept.in_use = true;
+    kept.asked_for = search_;
     return &kept;
   }
   void forget() {
@@ -42,6 +40,7 @@ class KeptTemplates {
   FixedVector<int16_t> place_;  // in templates_, of each slot of the map's points
   FixedVector<KeptTemplate> templates_;
   int next_ = 0;
+  uint32_t search_ = 1;
 };
 
 }  // namespace pptam

@@ -158,6 +158,8 @@ MapMatch MapMatching::solve(const SE3& T_start, const VelocityPrior& prior, std:
 void MapMatching::search(const Pyramid& pyramid, const SE3& T_start, const VelocityPrior& prior,
                          const SearchOptions& options) {
   attempts_.clear();
+  const bool keeps = options.level == config_.search_level;
+  if (keeps) kept_.begin_search();
   for (const int index : selected_) {
     const MapPoint& point = map_.points()[index];
     PredictedPoint predicted;
@@ -170,7 +172,7 @@ void MapMatching::search(const Pyramid& pyramid, const SE3& T_start, const Veloc
     attempt.point = index;
     attempt.predicted_px = predicted.px;
     attempt.at = {predicted.px, static_cast<uint8_t>(options.level)};
-    KeptTemplate* const kept = options.level == config_.search_level ? kept_.of(index, point.id) : nullptr;
+    KeptTemplate* const kept = keeps ? kept_.of(index, point.id) : nullptr;
     switch (finder_.find(point.source, point.p_w, predicted, pyramid, options, &attempt.at, kept)) {
       case SearchOutcome::kNotVisible:
         break;
