@@ -10,8 +10,8 @@ namespace pptam {
 namespace {
 
 constexpr int kSmallLevel = kPyramidLevels - 1;  // 15x20 pixels on the phone [phone 4]
-// Small images of more pixels are halved until they have no more: twice the phone's. A phone of 480x640 pixels that pans
-// at 45 to 75 degrees/s is tracked throughout with 15x20 pixels as with 30x40. Not swept.
+// Small images of more pixels are halved until they have no more: twice the phone's. A phone of 480x640 pixels that
+// pans at 45 to 75 degrees/s is tracked throughout with 15x20 pixels as with 30x40. Not swept.
 constexpr int kMaxPixels = 600;
 constexpr int kMaxIterations = 8;  // not swept
 // Step at which the iteration ends. The next step would be at most a tenth of it, while the estimate's noise is twice
