@@ -9,8 +9,11 @@ namespace pptam {
 
 namespace {
 
-constexpr int kLevel = kPyramidLevels - 1;  // 15x20 pixels on the phone [phone 4]
-constexpr int kMaxIterations = 8;           // not swept
+constexpr int kSmallLevel = kPyramidLevels - 1;  // 15x20 pixels on the phone [phone 4]
+// Small images of more pixels are halved until they have no more: twice the phone's. A phone of 480x640 pixels that
+// pans at 45 to 75 degrees/s is tracked throughout with 15x20 pixels as with 30x40. Not swept.
+constexpr int kMaxPixels = 600;
+constexpr int kMaxIterations = 8;  // not swept
 // Step at which the iteration ends. The next step would be at most a tenth of it, while the estimate's noise is twice
 // it. Five times less costs one more iteration and gains nothing (0.101 degrees rms both, at up to 60 degrees/s).
 constexpr float kConverged_rad = 1e-3f;
@@ -43,6 +46,12 @@ constexpr float kMinInformation = 1e-3f;    // on a rotation, grey^2/rad^2: ther
 constexpr int16_t kOutside = INT16_MIN;  // in warped_: the pixel falls outside the current image
 constexpr int kUnit = 16;                // warped_ is in units of 1/kUnit grey level
 
+int aligned_level(const CameraModel& camera) {
+  int level = kSmallLevel;
+  while ((camera.width >> level) * (camera.height >> level) > kMaxPixels) ++level;
+  return level;
+}
+
 }  // namespace
 
 void LampBands::note(float line_share) {
@@ -55,11 +64,20 @@ FullFrameRotation::FullFrameRotation(Arena& arena, const Camera& camera)
       shutter_lines_(camera.shutter.line_time_s == 0                      ? LampLines::kNone
                      : camera.shutter.axis == RollingShutter::Axis::kRows ? LampLines::kRows
                                                                           : LampLines::kColumns),
-      width_(camera.model.width >> kLevel),
-      height_(camera.model.height >> kLevel),
+      level_(aligned_level(camera.model)),
+      width_(camera.model.width >> level_),
+      height_(camera.model.height >> level_),
+      previous_levels_(arena, level_ - kSmallLevel),
+      current_levels_(arena, level_ - kSmallLevel),
       pixels_(arena, width_ * height_),
       lines_(arena, shutter_lines_ == LampLines::kNone ? 0 : std::max(width_, height_)),
       warped_(arena, width_ * height_) {
+  for (FixedVector<GreyImage>* levels : {&previous_levels_, &current_levels_}) {
+    for (int l = kSmallLevel + 1; l <= level_; ++l) {
+      const int width = camera_.width >> l, height = camera_.height >> l;
+      levels->push_back({arena.allocate_array<uint8_t>(static_cast<size_t>(width) * height), width, height, width});
+    }
+  }
   if (arena.measuring()) return;
   pixels_.resize(pixels_.capacity());
   warped_.resize(warped_.capacity());
@@ -67,13 +85,22 @@ FullFrameRotation::FullFrameRotation(Arena& arena, const Camera& camera)
   for (int i = 0; i < pixels_.size(); ++i) {
     Pixel& pixel = pixels_[i];
     const int x = i % width_, y = i / width_;
-    pixel.ray = camera_.unproject({to_level0(static_cast<float>(x), kLevel), to_level0(static_cast<float>(y), kLevel)});
+    pixel.ray = camera_.unproject({to_level0(static_cast<float>(x), level_), to_level0(static_cast<float>(y), level_)});
     const Vector3f p = pixel.ray.homogeneous();
     Vector2f px;
     Matrix23f J_px_p;
     pixel.J_px_w.setZero();
-    if (camera_.project(p, &px, &J_px_p)) pixel.J_px_w = J_px_p * -hat(p) / static_cast<float>(1 << kLevel);
+    if (camera_.project(p, &px, &J_px_p)) pixel.J_px_w = J_px_p * -hat(p) / static_cast<float>(1 << level_);
   }
+}
+
+GreyView FullFrameRotation::reduced(const GreyView& small, std::span<const GreyImage> levels) {
+  GreyView image = small;
+  for (const GreyImage& level : levels) {
+    half_sample(image, level);
+    image = level;
+  }
+  return image;
 }
 
 // Fills warped_ with the current image as the previous camera would see it: bilinear, at multiples of 1/256 px, rounded
@@ -95,7 +122,7 @@ void FullFrameRotation::warp(const GreyView& current, const Matrix3f& R_cp, cons
                      R(2, 0) * x + R(2, 1) * y + shift.z());
     Vector2f px;
     if (!camera_.project(p, &px)) continue;
-    const float xc = from_level0(px.x(), kLevel), yc = from_level0(px.y(), kLevel);
+    const float xc = from_level0(px.x(), level_), yc = from_level0(px.y(), level_);
     if (!(xc >= 0 && yc >= 0 && xc < max_x && yc < max_y)) continue;
     const auto column = static_cast<int32_t>(xc * 256.0f + 0.5f), row = static_cast<int32_t>(yc * 256.0f + 0.5f);
     const int32_t x_weight = column & 255, y_weight = row & 255;
@@ -109,10 +136,10 @@ void FullFrameRotation::warp(const GreyView& current, const Matrix3f& R_cp, cons
 
 RotationEstimate FullFrameRotation::estimate(const GreyView& previous, const GreyView& current, const Matrix3f& R_start,
                                              const Vector3f& t_over_depth, bool lamp_bands) {
-  PPTAM_ASSERT(previous.width == width_ && previous.height == height_);
-  PPTAM_ASSERT(current.width == width_ && current.height == height_);
-  previous_ = previous;
-  current_ = current;
+  for (const GreyView* small : {&previous, &current})
+    PPTAM_ASSERT(small->width == camera_.width >> kSmallLevel && small->height == camera_.height >> kSmallLevel);
+  previous_ = reduced(previous, previous_levels_);
+  current_ = reduced(current, current_levels_);
   t_over_depth_ = t_over_depth;
   lamp_bands_ = lamp_bands && shutter_lines_ != LampLines::kNone;
   gain_ = Gain();

@@ -1,4 +1,5 @@
-// The visual gyroscope: rotation between successive frames from the 15x20 level [phone 4].
+// The visual gyroscope: rotation between successive frames from the 15x20 level [phone 4], or from images about as
+// small of a camera with more pixels.
 //
 // Direct 3-DOF efficient second-order minimisation (ESM) with gain and offset and Huber weights. It needs no map, so it
 // serves every tracking state. No allocation after construction. Without a map and at a narrow field of view it
@@ -7,6 +8,8 @@
 // along the lines of a rolling shutter, which move from frame to frame and look like a turn: when they are seen, each
 // line has a gain of its own.
 #pragma once
+
+#include <span>
 
 #include <pocket_ptam/camera.h>
 #include "base/containers.h"
@@ -50,6 +53,7 @@ class FullFrameRotation {
 
   // The shutter's lines; kNone of a global shutter.
   LampLines lines() const { return shutter_lines_; }
+  int pixels() const { return width_ * height_; }  // of the images aligned
 
  private:
   friend class RobustFit<FullFrameRotation>;
@@ -82,6 +86,7 @@ class FullFrameRotation {
   void sum(int from, int to);
   FitStep step(int iteration);
 
+  static GreyView reduced(const GreyView& small, std::span<const GreyImage> levels);
   void warp(const GreyView& current, const Matrix3f& R_cp, const Vector3f& t_over_depth);
   void sum_row(int y);
   void eliminate_lines();
@@ -89,7 +94,9 @@ class FullFrameRotation {
 
   CameraModel camera_;
   LampLines shutter_lines_;
+  int level_;  // of the images aligned: that of the small images, or a coarser one
   int width_, height_;
+  FixedVector<GreyImage> previous_levels_, current_levels_;  // coarser than the small images
   FixedVector<Pixel> pixels_;
   FixedVector<Line> lines_;      // rows or columns of the small image; none of a global shutter
   FixedVector<int16_t> warped_;  // the current image as the previous camera would see it, 1/16 grey; kOutside elsewhere

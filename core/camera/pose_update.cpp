@@ -15,7 +15,10 @@ constexpr int kIterations = 10;
 constexpr int kRelinearised[] = {0, 4, 9};
 constexpr int kMinInliers = 6;  // rows: 12 equations of map points for the pose's 6 unknowns; not swept
 // Squared steps, in radians and mean scene depths.
-constexpr float kConvergedSq = 1e-10f;  // 0.004 px on the phone
+constexpr float kConvergedSq = 1e-9f;  // 0.011 px on the phone
+// All steps since the last linearisation together up to which its errors are exact: the square that they leave out is
+// 0.004 px on the phone.
+constexpr float kLinearSq = 1e-5f;
 constexpr float kMaxStepSq = 0.5f;      // 40 degrees or 0.7 depths: longer steps come from wrong matches. Not swept
 constexpr float kMinPosePivot = 1e-5f;  // ratio (NormalEquations), a hundred times float32's rounding; not swept
 
@@ -219,10 +222,13 @@ FitStep PoseUpdater::step(int iteration) {
   }
   pose_step_ += step;
   moved_ += step;
-  const float size = step.head<3>().squaredNorm() / (mean_depth_ * mean_depth_) + step.tail<3>().squaredNorm();
+  const auto size_sq = [depth_sq = mean_depth_ * mean_depth_](const Vector6f& mu) {
+    return mu.head<3>().squaredNorm() / depth_sq + mu.tail<3>().squaredNorm();
+  };
+  const float size = size_sq(step);
   if (size > kMaxStepSq) return FitStep::kFailed;
   const bool small = size < kConvergedSq;
-  if (iteration < kIterations && !(small && full_)) {
+  if (iteration < kIterations && !(small && (full_ || size_sq(pose_step_) < kLinearSq))) {
     confirm_ = small;
     return FitStep::kAgain;
   }

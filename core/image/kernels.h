@@ -1,10 +1,11 @@
-// The inner loops of pyramid, corner detection, patch search and refinement.
+// The inner loops of pyramid, corner detection, patch warp, search and refinement.
 //
 // Each is written here in plain C++. That is the specification, and compilers vectorise it for NEON or SSE2. Where it
-// is faster there is a second variant by hand (kernels_armv6.h, kernels_sse2.h). All variants give the same bits; a
-// test compares them. Callers use namespace kernel, which has the target's fastest variants.
+// is faster there is a second variant by hand (kernels_armv6.h, kernels_neon.h, kernels_sse2.h). All variants give the
+// same bits; a test compares them. Callers use namespace kernel, which has the target's fastest variants.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 
 namespace pptam {
@@ -17,12 +18,43 @@ constexpr int kPatchPitch = 12;               // int16_t in a row of a framed pa
 constexpr int kSubpixels = 32;
 constexpr int kSampleUnit = 8;
 
+// A framed patch as an affine grid of samples in an image. Positions in 1/65536 px, 128 more than what is meant: they
+// are rounded down to 1/256. All samples lie in the image, whose sides are at most 16384.
+struct WarpGrid {
+  const uint8_t* image;
+  int stride;            // bytes
+  int x_last, y_last;    // the image's last column and row, at least 1
+  int32_t x, y;          // of the first sample
+  int32_t dx_di, dy_di;  // from column to column of the patch
+  int32_t dx_dj, dy_dj;  // from row to row
+};
+
+// Sums of f (1 - f) over the samples, f the fraction of a pixel, along the image's axes: units of 2^-16, at most
+// 100 x 2^14.
+struct WarpBlur {
+  int32_t x = 0, y = 0;
+};
+
+// Whether a sample lies in the last column or row. There the 2x2 pixels that are blended start one earlier, with a
+// weight of 256, and variants by hand leave the patch to the plain one.
+inline bool touches_last(const WarpGrid& grid) {
+  constexpr int kLast = kPatchFramed - 1;
+  const int32_t x_high = grid.x + kLast * (std::max(grid.dx_di, 0) + std::max(grid.dx_dj, 0));
+  const int32_t y_high = grid.y + kLast * (std::max(grid.dy_di, 0) + std::max(grid.dy_dj, 0));
+  return x_high >> 16 >= grid.x_last || y_high >> 16 >= grid.y_last;
+}
+
 // The 8x8 pixels of a template, prepared for zmssd_x64().
 struct PackedTemplate {
   alignas(8) int16_t px[kPatchSize * kPatchSize];  // row by row; the order within a row depends on the variant
-  int32_t sum_2_rows = 0;                          // sums of the first 2, 4 and 8 rows
+  int32_t sum_2_rows = 0;                          // sums of the middle 2 and 4 rows, and of all 8
   int32_t sum_4_rows = 0;
   int32_t sum = 0;
+  void add_up(const int32_t (&rows)[kPatchSize]) {  // the sums of its rows
+    sum_2_rows = rows[3] + rows[4];
+    sum_4_rows = rows[2] + sum_2_rows + rows[5];
+    sum = rows[0] + rows[1] + sum_4_rows + rows[6] + rows[7];
+  }
 };
 
 // What refine_sums() needs of the framed template; the same in all iterations of a refinement.
@@ -127,44 +159,70 @@ inline void window_sums(const uint8_t* px, int stride, StructureTensor sums[9]) 
   add_up_windows<kSpan>(yy, &StructureTensor::yy, sums);
 }
 
+// Linear interpolation, 256 a + (b - a) weight, with weight 0..256: in units of 1/256, between 256 a and 256 b.
+inline int32_t blend(int32_t a, int32_t b, int32_t weight) {
+  return (a << 8) + (b - a) * weight;
+}
+
+// Samples a framed patch, 10x10 pixels row by row, bilinearly: to 1/65536 grey level, then rounded.
+// The grid is a copy, so that the compiler knows that no pixel written changes it.
+inline WarpBlur warp(WarpGrid grid, uint8_t* framed) {
+  WarpBlur blur;
+  for (int j = 0; j < kPatchFramed; ++j) {
+    int32_t x = grid.x + j * grid.dx_dj, y = grid.y + j * grid.dy_dj;
+    for (int i = 0; i < kPatchFramed; ++i, x += grid.dx_di, y += grid.dy_di) {
+      const int32_t x0 = std::min(x >> 16, grid.x_last - 1), y0 = std::min(y >> 16, grid.y_last - 1);
+      const int32_t x_weight = (x >> 8) - x0 * 256, y_weight = (y >> 8) - y0 * 256;
+      blur.x += x_weight * (256 - x_weight);
+      blur.y += y_weight * (256 - y_weight);
+      const uint8_t* upper_px = grid.image + y0 * grid.stride + x0;
+      const uint8_t* lower_px = upper_px + grid.stride;
+      const int32_t upper = blend(upper_px[0], upper_px[1], x_weight);  // at most 255 x 2^8
+      const int32_t lower = blend(lower_px[0], lower_px[1], x_weight);
+      *framed++ = static_cast<uint8_t>((blend(upper, lower, y_weight) + 32768) >> 16);
+    }
+  }
+  return blur;
+}
+
 // Prepares a template for zmssd_x64(). framed: 10x10 pixels, row-major.
 inline void pack_template(const uint8_t* framed, PackedTemplate* packed) {
-  int32_t sum = 0;
+  int32_t rows[kPatchSize] = {};
   for (int r = 0; r < kPatchSize; ++r) {
     for (int c = 0; c < kPatchSize; ++c) {
       const uint8_t value = framed[(r + 1) * kPatchFramed + c + 1];
       packed->px[r * kPatchSize + c] = value;
-      sum += value;
+      rows[r] += value;
     }
-    if (r == 1) packed->sum_2_rows = sum;
-    if (r == 3) packed->sum_4_rows = sum;
   }
-  packed->sum = sum;
+  packed->add_up(rows);
 }
 
 // 64 times the zero-mean sum of squared differences, 64 sum d^2 - (sum d)^2 with d = I - T over the 8x8 pixels at
 // image: grey^2, at most 64^2 x 255^2 = 2.7e8. When it is not below limit, any number >= limit may be returned instead:
-// the zero-mean sum of the first rows is never greater than that of all rows, so most candidates are rejected after two
-// or four rows.
+// the zero-mean sum of some rows is never greater than that of all rows, so most candidates are rejected after two or
+// four rows. These are the middle ones, where a corner's template has most of its contrast. Where eight rows take less
+// than the branches, all are summed.
 inline int32_t zmssd_x64(const uint8_t* image, int stride, const PackedTemplate& patch, int32_t limit) {
   int32_t squares = 0, sum = 0;
-  const auto add_two_rows = [&](int r) {
-    const uint8_t* I = image + r * stride;
-    const int16_t* T = patch.px + r * kPatchSize;
+  const auto add_two_rows = [&](int r) {  // r and the one as far from the other end
+    const int other = kPatchSize - 1 - r;
     int16_t d[2 * kPatchSize];
-    for (int c = 0; c < kPatchSize; ++c) d[c] = static_cast<int16_t>(I[c] - T[c]);
-    for (int c = 0; c < kPatchSize; ++c) d[c + kPatchSize] = static_cast<int16_t>(I[c + stride] - T[c + kPatchSize]);
+    for (int c = 0; c < kPatchSize; ++c)
+      d[c] = static_cast<int16_t>(image[r * stride + c] - patch.px[r * kPatchSize + c]);
+    for (int c = 0; c < kPatchSize; ++c)
+      d[c + kPatchSize] = static_cast<int16_t>(image[other * stride + c] - patch.px[other * kPatchSize + c]);
     for (int c = 0; c < 2 * kPatchSize; ++c) squares += d[c] * d[c];
     for (int c = 0; c < 2 * kPatchSize; ++c) sum += d[c];
   };
-  add_two_rows(0);
+  add_two_rows(3);
   const int32_t after_2 = 4 * (16 * squares - sum * sum);
   if (after_2 >= limit) return after_2;
   add_two_rows(2);
   const int32_t after_4 = 2 * (32 * squares - sum * sum);
   if (after_4 >= limit) return after_4;
-  add_two_rows(4);
-  add_two_rows(6);
+  add_two_rows(1);
+  add_two_rows(0);
   return 64 * squares - sum * sum;
 }
 
@@ -236,20 +294,28 @@ inline RefineSums refine_sums(const RefineSample& s, const RefineTemplate& T) {
 
 #if defined(__ARM_FEATURE_SIMD32)
 #include "image/kernels_armv6.h"
+#endif
+#if defined(__ARM_NEON)
+#include "image/kernels_neon.h"
 #elif defined(__SSE2__)
 #include "image/kernels_sse2.h"
 #endif
 
 namespace pptam {
-#if defined(__ARM_FEATURE_SIMD32) && defined(__ARM_NEON)
-namespace kernel {  // 32-bit NEON: compilers vectorise the plain loops well, except window_sums
-using armv6::window_sums;
+#if defined(__ARM_NEON)
+namespace kernel {  // compilers vectorise the other plain loops well
+using neon::refine_sums;
+using neon::warp;
 using plain::bgra_row;
 using plain::half_row;
 using plain::pack_template;
 using plain::prepare_refinement;
-using plain::refine_sums;
 using plain::zmssd_x64;
+#if defined(__ARM_FEATURE_SIMD32)
+using armv6::window_sums;
+#else
+using plain::window_sums;
+#endif
 }  // namespace kernel
 #elif defined(__ARM_FEATURE_SIMD32)
 namespace kernel = armv6;

@@ -157,31 +157,62 @@ inline void window_sums(const uint8_t* px, int stride, StructureTensor sums[9]) 
   }
 }
 
+inline uint32_t load_two(const uint8_t* px) {
+  uint16_t two;
+  std::memcpy(&two, px, sizeof two);
+  return two;
+}
+
+// One multiplication blends two rows along x: the pair (upper, lower) holds at most 255 x 256.
+inline WarpBlur warp(WarpGrid grid, uint8_t* framed) {
+  if (touches_last(grid)) return plain::warp(grid, framed);
+  uint32_t weights = 0;  // pair (x, y): at most 100 x 255
+  int32_t x_squares = 0, y_squares = 0;
+  for (int j = 0; j < kPatchFramed; ++j) {
+    int32_t x = grid.x + j * grid.dx_dj, y = grid.y + j * grid.dy_dj;
+    for (int i = 0; i < kPatchFramed; ++i, x += grid.dx_di, y += grid.dy_di) {
+      const uint8_t* px = grid.image + (y >> 16) * grid.stride + (x >> 16);
+      const uint32_t two_rows = load_two(px) | load_two(px + grid.stride) << 16;
+      const uint32_t left = even_bytes(two_rows), right = odd_bytes(two_rows);
+      const uint32_t x_weight = static_cast<uint32_t>(x) >> 8 & 255, y_weight = static_cast<uint32_t>(y) >> 8 & 255;
+      const uint32_t rows = (left << 8) + (right - left) * x_weight;
+      const uint32_t upper = rows & 0xffffu;
+      *framed++ = static_cast<uint8_t>(((upper << 8) + 32768 + ((rows >> 16) - upper) * y_weight) >> 16);
+      weights += x_weight + (y_weight << 16);
+      x_squares += static_cast<int32_t>(x_weight * x_weight);
+      y_squares += static_cast<int32_t>(y_weight * y_weight);
+    }
+  }
+  // f (1 - f) in units of 2^-16 is 256 w - w^2 for the weight w.
+  return {static_cast<int32_t>((weights & 0xffffu) << 8) - x_squares,
+          static_cast<int32_t>(weights >> 16 << 8) - y_squares};
+}
+
 // Rows are stored as the pairs (0, 2), (1, 3), (4, 6), (5, 7).
 inline void pack_template(const uint8_t* framed, PackedTemplate* packed) {
-  int32_t sum = 0;
+  int32_t rows[kPatchSize] = {};
   for (int r = 0; r < kPatchSize; ++r) {
     for (int half = 0; half < 2; ++half) {
       const uint32_t word = load_word(framed + (r + 1) * kPatchFramed + 1 + 4 * half);
       int16_t* out = packed->px + r * kPatchSize + 4 * half;
       store_word(out, even_bytes(word));
       store_word(out + 2, odd_bytes(word));
-      sum = add_four(word, sum);
+      rows[r] = add_four(word, rows[r]);
     }
-    if (r == 1) packed->sum_2_rows = sum;
-    if (r == 3) packed->sum_4_rows = sum;
   }
-  packed->sum = sum;
+  packed->add_up(rows);
 }
 
-// Adds I and (I - T)^2 over two rows of eight pixels.
-[[gnu::always_inline]] inline void add_two_rows(const uint8_t* image, int stride, const int16_t* T, int32_t* squares,
-                                                int32_t* image_sum) {
+// Adds I and (I - T)^2 over row r of eight pixels and the one as far from the other end.
+[[gnu::always_inline]] inline void add_two_rows(const uint8_t* image, int stride, const int16_t* T, int r,
+                                                int32_t* squares, int32_t* image_sum) {
 #pragma GCC unroll 4
-  for (int i = 0; i < 4; ++i, T += 4) {
-    const uint32_t word = load_word(image + (i / 2) * stride + (i % 2) * 4);
-    const uint32_t even = subtract(even_bytes(word), load_word(T));
-    const uint32_t odd = subtract(odd_bytes(word), load_word(T + 2));
+  for (int i = 0; i < 4; ++i) {
+    const int row = i < 2 ? r : kPatchSize - 1 - r, column = i % 2 * 4;
+    const uint32_t word = load_word(image + row * stride + column);
+    const int16_t* four = T + row * kPatchSize + column;
+    const uint32_t even = subtract(even_bytes(word), load_word(four));
+    const uint32_t odd = subtract(odd_bytes(word), load_word(four + 2));
     *squares = add_products(even, even, *squares);
     *squares = add_products(odd, odd, *squares);
     *image_sum = add_four(word, *image_sum);
@@ -190,18 +221,17 @@ inline void pack_template(const uint8_t* framed, PackedTemplate* packed) {
 
 [[gnu::always_inline]] inline int32_t zmssd_x64(const uint8_t* image, int stride, const PackedTemplate& patch,
                                                 int32_t limit) {
-  constexpr int kTwoRows = 2 * kPatchSize;
   int32_t squares = 0, image_sum = 0;
-  add_two_rows(image, stride, patch.px, &squares, &image_sum);
+  add_two_rows(image, stride, patch.px, 3, &squares, &image_sum);
   int32_t sum = image_sum - patch.sum_2_rows;
   const int32_t after_2 = 4 * (16 * squares - sum * sum);
   if (after_2 >= limit) return after_2;
-  add_two_rows(image + 2 * stride, stride, patch.px + kTwoRows, &squares, &image_sum);
+  add_two_rows(image, stride, patch.px, 2, &squares, &image_sum);
   sum = image_sum - patch.sum_4_rows;
   const int32_t after_4 = 2 * (32 * squares - sum * sum);
   if (after_4 >= limit) return after_4;
-  add_two_rows(image + 4 * stride, stride, patch.px + 2 * kTwoRows, &squares, &image_sum);
-  add_two_rows(image + 6 * stride, stride, patch.px + 3 * kTwoRows, &squares, &image_sum);
+  add_two_rows(image, stride, patch.px, 1, &squares, &image_sum);
+  add_two_rows(image, stride, patch.px, 0, &squares, &image_sum);
   sum = image_sum - patch.sum;
   return 64 * squares - sum * sum;
 }

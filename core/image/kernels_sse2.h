@@ -3,6 +3,8 @@
 
 #include <emmintrin.h>
 
+#include <cstring>
+
 #include "image/kernels.h"
 
 namespace pptam::sse2 {
@@ -10,10 +12,14 @@ namespace pptam::sse2 {
 using plain::bgra_row;
 using plain::pack_template;
 using plain::prepare_refinement;
-using plain::refine_sums;
 
 inline __m128i load_eight(const uint8_t* px) {  // as 16-bit numbers
   return _mm_unpacklo_epi8(_mm_loadl_epi64(reinterpret_cast<const __m128i*>(px)), _mm_setzero_si128());
+}
+inline int load_two(const uint8_t* px) {
+  uint16_t two;
+  std::memcpy(&two, px, sizeof two);
+  return two;
 }
 inline int32_t sum_of_four(__m128i v) {
   v = _mm_add_epi32(v, _mm_shuffle_epi32(v, _MM_SHUFFLE(1, 0, 3, 2)));
@@ -78,30 +84,166 @@ inline void window_sums(const uint8_t* px, int stride, StructureTensor sums[9]) 
   }
 }
 
-inline int32_t zmssd_x64(const uint8_t* image, int stride, const PackedTemplate& patch, int32_t limit) {
-  __m128i squares = _mm_setzero_si128(), image_sum = _mm_setzero_si128();
-  const auto add_two_rows = [&](int first) {
-    for (int r = first; r < first + 2; ++r) {
-      const __m128i I = _mm_loadl_epi64(reinterpret_cast<const __m128i*>(image + r * stride));
-      const __m128i T = _mm_loadu_si128(reinterpret_cast<const __m128i*>(patch.px + r * kPatchSize));
-      const __m128i d = _mm_sub_epi16(_mm_unpacklo_epi8(I, _mm_setzero_si128()), T);
-      squares = _mm_add_epi32(squares, _mm_madd_epi16(d, d));
-      image_sum = _mm_add_epi32(image_sum, _mm_sad_epu8(I, _mm_setzero_si128()));
+// Four samples at a time. A 16-bit lane holds at most 255 x 256 after the blend along x.
+inline WarpBlur warp(WarpGrid grid, uint8_t* framed) {
+  constexpr int kSamples = kPatchFramed * 2, kFours = kSamples / 4;  // two rows are five fours
+  if (touches_last(grid) || grid.stride > INT16_MAX) return plain::warp(grid, framed);
+  // Positions of two rows; the next two are twice the step between rows further.
+  alignas(16) int32_t x_at[kSamples], y_at[kSamples];
+  for (int j = 0; j < 2; ++j) {
+    for (int i = 0; i < kPatchFramed; ++i) {
+      x_at[j * kPatchFramed + i] = grid.x + j * grid.dx_dj + i * grid.dx_di;
+      y_at[j * kPatchFramed + i] = grid.y + j * grid.dy_dj + i * grid.dy_di;
     }
+  }
+  const __m128i x_step = _mm_set1_epi32(2 * grid.dx_dj), y_step = _mm_set1_epi32(2 * grid.dy_dj);
+  const __m128i row_bits = _mm_set1_epi32(-65536), byte = _mm_set1_epi32(255), low_byte = _mm_set1_epi16(255);
+  const __m128i one_and_stride = _mm_set1_epi32(1 + (grid.stride << 16));
+  const __m128i whole = _mm_set1_epi16(256), sign = _mm_set1_epi16(INT16_MIN);
+  const __m128i rounding = _mm_set1_epi32((32768 << 8) + 32768);  // and undoes the change of sign
+  __m128i blur = _mm_setzero_si128();                             // x, x, y, y
+  for (int rows = 0; rows < kPatchFramed / 2; ++rows) {
+    for (int four = 0; four < kFours; ++four, framed += 4) {
+      __m128i* const x_four = reinterpret_cast<__m128i*>(x_at) + four;
+      __m128i* const y_four = reinterpret_cast<__m128i*>(y_at) + four;
+      const __m128i x = _mm_load_si128(x_four), y = _mm_load_si128(y_four);
+      _mm_store_si128(x_four, _mm_add_epi32(x, x_step));
+      _mm_store_si128(y_four, _mm_add_epi32(y, y_step));
+      const __m128i column_and_row = _mm_or_si128(_mm_srli_epi32(x, 16), _mm_and_si128(y, row_bits));
+      const __m128i offset = _mm_madd_epi16(column_and_row, one_and_stride);
+      const __m128i weight = _mm_packs_epi32(_mm_and_si128(_mm_srli_epi32(x, 8), byte),  // of the four x, then y
+                                             _mm_and_si128(_mm_srli_epi32(y, 8), byte));
+      const __m128i rest = _mm_sub_epi16(whole, weight);
+      blur = _mm_add_epi32(blur, _mm_madd_epi16(weight, rest));
+
+      // Pixels next to each other, of the upper row in the lower four lanes, of the lower row in the upper four.
+      const int64_t offset_01 = _mm_cvtsi128_si64(offset),
+                    offset_23 = _mm_cvtsi128_si64(_mm_unpackhi_epi64(offset, offset));
+      const uint8_t* const px[4] = {grid.image + static_cast<int32_t>(offset_01), grid.image + (offset_01 >> 32),
+                                    grid.image + static_cast<int32_t>(offset_23), grid.image + (offset_23 >> 32)};
+      __m128i two = _mm_cvtsi32_si128(load_two(px[0]));
+      two = _mm_insert_epi16(two, load_two(px[1]), 1);
+      two = _mm_insert_epi16(two, load_two(px[2]), 2);
+      two = _mm_insert_epi16(two, load_two(px[3]), 3);
+      two = _mm_insert_epi16(two, load_two(px[0] + grid.stride), 4);
+      two = _mm_insert_epi16(two, load_two(px[1] + grid.stride), 5);
+      two = _mm_insert_epi16(two, load_two(px[2] + grid.stride), 6);
+      two = _mm_insert_epi16(two, load_two(px[3] + grid.stride), 7);
+      const __m128i left = _mm_and_si128(two, low_byte), right = _mm_srli_epi16(two, 8);
+      const __m128i x_weight = _mm_unpacklo_epi64(weight, weight), x_rest = _mm_unpacklo_epi64(rest, rest);
+      const __m128i across =
+          _mm_xor_si128(_mm_add_epi16(_mm_mullo_epi16(left, x_rest), _mm_mullo_epi16(right, x_weight)), sign);
+      // Upper and lower in turn; signed numbers, 32768 less.
+      const __m128i both = _mm_unpacklo_epi16(across, _mm_unpackhi_epi64(across, across));
+      const __m128i sum = _mm_madd_epi16(both, _mm_unpackhi_epi16(rest, weight));
+      const __m128i grey = _mm_srli_epi32(_mm_add_epi32(sum, rounding), 16);
+      const __m128i packed = _mm_packs_epi32(grey, grey);
+      const int32_t four_px = _mm_cvtsi128_si32(_mm_packus_epi16(packed, packed));
+      std::memcpy(framed, &four_px, sizeof four_px);
+    }
+  }
+  const __m128i sums = _mm_add_epi32(blur, _mm_srli_epi64(blur, 32));
+  return {_mm_cvtsi128_si32(sums), _mm_cvtsi128_si32(_mm_unpackhi_epi64(sums, sums))};
+}
+
+inline int32_t zmssd_x64(const uint8_t* image, int stride, const PackedTemplate& patch, int32_t /*limit*/) {
+  __m128i squares = _mm_setzero_si128(), image_sum = _mm_setzero_si128();
+  const __m128i zero = _mm_setzero_si128();
+  for (int r = 0; r < kPatchSize; r += 2) {
+    const __m128i I = _mm_unpacklo_epi64(_mm_loadl_epi64(reinterpret_cast<const __m128i*>(image + r * stride)),
+                                         _mm_loadl_epi64(reinterpret_cast<const __m128i*>(image + (r + 1) * stride)));
+    const auto* T = reinterpret_cast<const __m128i*>(patch.px + r * kPatchSize);
+    const __m128i upper = _mm_sub_epi16(_mm_unpacklo_epi8(I, zero), _mm_loadu_si128(T));
+    const __m128i lower = _mm_sub_epi16(_mm_unpackhi_epi8(I, zero), _mm_loadu_si128(T + 1));
+    squares = _mm_add_epi32(squares, _mm_add_epi32(_mm_madd_epi16(upper, upper), _mm_madd_epi16(lower, lower)));
+    image_sum = _mm_add_epi32(image_sum, _mm_sad_epu8(I, zero));
+  }
+  const int32_t sum = _mm_cvtsi128_si32(_mm_add_epi32(image_sum, _mm_unpackhi_epi64(image_sum, image_sum))) - patch.sum;
+  return kPatchSize * kPatchSize * sum_of_four(squares) - sum * sum;
+}
+
+// A row of a framed patch in two vectors, of its columns 0 to 7 and 2 to 9.
+struct FramedRow {
+  __m128i left, right;
+};
+
+inline RefineSums refine_sums(const RefineSample& s, const RefineTemplate& T) {
+  const auto times = [](__m128i a, int32_t weight) {
+    return _mm_mullo_epi16(a, _mm_set1_epi16(static_cast<int16_t>(weight)));
   };
-  const auto partial = [&](int pixels, int32_t template_sum) {
-    const int32_t sum = _mm_cvtsi128_si32(image_sum) - template_sum;
-    return kPatchSize * kPatchSize / pixels * (pixels * sum_of_four(squares) - sum * sum);
+  // Interpolated along x: at most 32 x 255 / 4 = 2040.
+  const auto across = [&](int r) {
+    const uint8_t* px = s.image + r * s.stride;
+    const auto eight = [&](int c) {
+      return _mm_srli_epi16(
+          _mm_add_epi16(times(load_eight(px + c), kSubpixels - s.x_weight), times(load_eight(px + c + 1), s.x_weight)),
+          2);
+    };
+    return FramedRow{eight(0), eight(2)};
   };
-  add_two_rows(0);
-  const int32_t after_2 = partial(16, patch.sum_2_rows);
-  if (after_2 >= limit) return after_2;
-  add_two_rows(2);
-  const int32_t after_4 = partial(32, patch.sum_4_rows);
-  if (after_4 >= limit) return after_4;
-  add_two_rows(4);
-  add_two_rows(6);
-  return partial(64, patch.sum);
+  const auto load = [](const int16_t* from) { return _mm_loadu_si128(reinterpret_cast<const __m128i*>(from)); };
+  FramedRow above = across(0);
+  // I + T. Along y a lane holds at most 32 x 2040 < 2^16.
+  const auto next_row = [&](int r) {
+    const FramedRow below = across(r + 1);
+    const auto down = [&](__m128i a, __m128i b, const int16_t* t) {
+      const __m128i I = _mm_srli_epi16(_mm_add_epi16(times(a, kSubpixels - s.y_weight), times(b, s.y_weight)), 5);
+      return _mm_add_epi16(I, load(t));
+    };
+    const int16_t* t = T.value + r * kPatchPitch;
+    const FramedRow both{down(above.left, below.left, t), down(above.right, below.right, t + 2)};
+    above = below;
+    return both;
+  };
+  // Columns 1 to 8.
+  const __m128i last_lane = _mm_slli_si128(_mm_set1_epi16(-1), 14);
+  const auto middle = [&](const FramedRow& row) {
+    return _mm_or_si128(_mm_srli_si128(row.left, 2), _mm_and_si128(_mm_slli_si128(row.right, 2), last_lane));
+  };
+
+  const __m128i blur_weights =
+      _mm_set1_epi32((s.x_blur & 0xffff) | static_cast<int32_t>(static_cast<uint32_t>(s.y_blur) << 16));
+  const __m128i half = _mm_set1_epi32(1 << 16);
+  __m128i xx = _mm_setzero_si128(), xy = xx, yy = xx, xe = xx, ye = xx, ee = xx;
+  __m128i x = xx, y = xx, e_sum = xx;  // of eight rows of at most 4080: under 2^15
+  const auto add_products = [](__m128i a, __m128i b, __m128i* sum) {
+    *sum = _mm_add_epi32(*sum, _mm_madd_epi16(a, b));
+  };
+  __m128i upper = middle(next_row(0));
+  FramedRow row = next_row(1);
+  for (int r = 1; r <= kPatchSize; ++r) {
+    const FramedRow below = next_row(r + 1);
+    const __m128i here = middle(row), lower = middle(below);
+    const __m128i jx = _mm_sub_epi16(row.right, row.left), jy = _mm_sub_epi16(lower, upper);
+    const __m128i t = load(T.value + r * kPatchPitch + 1);
+    const int16_t* k = T.curvature + 2 * (r - 1) * kPatchSize;
+    const auto blurred = [&](const int16_t* four) {
+      return _mm_srai_epi32(_mm_add_epi32(_mm_madd_epi16(load(four), blur_weights), half), 17);
+    };
+    const __m128i blur = _mm_packs_epi32(blurred(k), blurred(k + kPatchSize));
+    const __m128i e = _mm_add_epi16(_mm_sub_epi16(_mm_add_epi16(t, t), here), blur);
+    add_products(jx, jx, &xx);
+    add_products(jx, jy, &xy);
+    add_products(jy, jy, &yy);
+    add_products(jx, e, &xe);
+    add_products(jy, e, &ye);
+    add_products(e, e, &ee);
+    x = _mm_add_epi16(x, jx);
+    y = _mm_add_epi16(y, jy);
+    e_sum = _mm_add_epi16(e_sum, e);
+    upper = here;
+    row = below;
+  }
+  const __m128i ones = _mm_set1_epi16(1);
+  return {.xx = sum_of_four(xx),
+          .xy = sum_of_four(xy),
+          .yy = sum_of_four(yy),
+          .xe = sum_of_four(xe),
+          .ye = sum_of_four(ye),
+          .ee = sum_of_four(ee),
+          .x = sum_of_four(_mm_madd_epi16(x, ones)),
+          .y = sum_of_four(_mm_madd_epi16(y, ones)),
+          .e = sum_of_four(_mm_madd_epi16(e_sum, ones))};
 }
 
 }  // namespace pptam::sse2

@@ -30,7 +30,11 @@ constexpr float kMinWarpArea = 1e-3f, kMaxWarpArea = 1e3f;
 // mean is taken at most. Blurred from 1 or 1.5 px on nothing is gained, and each blurred template costs two warps.
 constexpr float kMinStreak_px = 2;
 constexpr int kMaxStreakParts = 6;
-constexpr int64_t kStreakInstructions = 500;  // of one streak(): an estimate
+constexpr int64_t kAffinityInstructions = 950;  // ARMv6, of one patch's affine map, as counted
+constexpr int64_t kStreakInstructions = 500;    // of one streak(): an estimate
+// Pixels of the level searched by which a kept template may be wrong anywhere. Six stories, three seeds each, error of
+// the path beside that with templates of each frame: 0.97 times as large, with twice that 1.17, with four times 1.28.
+constexpr float kKeptWarp_px = 0.125f;
 // Area of a template pixel in pixels of the source level, a ratio: within 1/4 to 4 [ptam 5.3]. A level is a factor of
 // 4; above 2 the next coarser level is nearer.
 constexpr float kMinSourceArea = 0.25f, kMaxSourceArea = 4.0f, kCoarserArea = 2.0f, kAreaPerLevel = 0.25f;
@@ -170,22 +174,47 @@ Vector2f PatchFinder::streak(const Keyframe& source, const Vector3f& p_s, const 
   return target * std::sqrt(std::max(0.0f, more_sq / length_sq));
 }
 
+bool KeptTemplate::shows(const Keyframe& source, const Vector2f& px, const Matrix2f& A_t_s, int level,
+                         const Vector2f& streak) const {
+  if (keyframe_id != source.id || source_px != px) return false;
+  // A pixel of the template at u (from its reference point) shows what is seen at A_t_s A_s_t u now. The distance is
+  // largest in a corner.
+  const Matrix2f E = A_t_s * A_s_t - Matrix2f::Identity();
+  const float away_sq = std::max((E.col(0) + E.col(1)).squaredNorm(), (E.col(0) - E.col(1)).squaredNorm());
+  const float longest_px = kKeptWarp_px * static_cast<float>(1 << level);
+  return away_sq * kPatchCentre * kPatchCentre <= kKeptWarp_px * kKeptWarp_px &&
+         (streak - streak_px).squaredNorm() <= longest_px * longest_px;
+}
+
 SearchOutcome PatchFinder::find(const PatchSource& source, const Vector3f& p_w, const PredictedPoint& predicted,
-                                const Pyramid& target, const SearchOptions& options, ImagePoint* found) const {
+                                const Pyramid& target, const SearchOptions& options, ImagePoint* found,
+                                KeptTemplate* kept) const {
   const Keyframe& keyframe = map_.keyframes()[source.keyframe];
   const Vector3f p_s = keyframe.T_kw * p_w;
   Matrix2f A_t_s;
+  meter_.charge(Work::kOther, kAffinityInstructions);
   if (!patch_affinity(camera_, p_s, source.normal, predicted.T_cw * keyframe.T_kw.inverse(), &A_t_s))
     return SearchOutcome::kNotVisible;
-  PatchTemplate patch;
   Vector2f streak_px = Vector2f::Zero();
   if (exposure_s_ > 0) {
     streak_px = streak(keyframe, p_s, A_t_s, p_w, predicted);
     meter_.charge(Work::kOther, kStreakInstructions);
   }
-  meter_.charge(Work::kPatchWarp, streak_parts(streak_px, options.level));
+  const int parts = streak_parts(streak_px, options.level);
+  if (parts == 1) streak_px.setZero();  // the template is not blurred
+  if (kept && kept->shows(keyframe, source.px, A_t_s, options.level, streak_px))
+    return find_template(target, kept->patch, predicted.px, options, meter_, found);
+  PatchTemplate patch;
+  meter_.charge(Work::kPatchWarp, parts);
   if (!warp_template(keyframe.pyramid, source.px, A_t_s, options.level, &patch, streak_px))
     return SearchOutcome::kNotVisible;
+  if (kept) {
+    kept->keyframe_id = keyframe.id;
+    kept->source_px = source.px;
+    kept->A_s_t = A_t_s.inverse();
+    kept->streak_px = streak_px;
+    kept->patch = patch;
+  }
   return find_template(target, patch, predicted.px, options, meter_, found);
 }
 

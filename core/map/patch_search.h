@@ -50,10 +50,25 @@ SearchOutcome find_template(const Pyramid& target, const PatchTemplate& patch, c
 // inside.
 bool predict_in_keyframe(const Map& map, const Camera& camera, int keyframe, const Vector3f& p_w,
                          PredictedPoint* predicted);
-constexpr int64_t kPredictionInstructions = 700;  // of one predict_in_keyframe(), as counted for the ARM1176
+constexpr int64_t kPredictionInstructions = 900;  // of one Camera::project_rolling(), as counted for the ARM1176
 
 // Source camera to world, at the exposure time of the source pixel's line: the frame of PartialPoint::ray.
 SE3 exposed_pose(const Map& map, const Camera& camera, const PatchSource& source);
+
+// A map point's template as it was warped for an earlier frame, with what it was made from.
+struct KeptTemplate {
+  uint32_t point_id = 0;     // 0: none
+  uint32_t keyframe_id = 0;  // of the patch's source; 0: no template
+  Vector2f source_px = Vector2f::Zero();
+  Matrix2f A_s_t = Matrix2f::Zero();  // inverse of its affine map
+  Vector2f streak_px = Vector2f::Zero();
+  uint32_t asked_for = 0;  // KeptTemplates
+  PatchTemplate patch;
+
+  // Whether it shows the patch as A_t_s would, to an eighth of a pixel of `level` anywhere in the 8x8 (the streak, too).
+  bool shows(const Keyframe& source, const Vector2f& px, const Matrix2f& A_t_s, int level,
+             const Vector2f& streak) const;
+};
 
 // Finds patches of the map's keyframes in other images.
 class PatchFinder {
@@ -62,9 +77,11 @@ class PatchFinder {
       : map_(map), camera_(config.camera), exposure_s_(config.exposure_s), meter_(meter) {}
 
   // Searches for the patch `source` of a map point or partial point at p_w around `predicted`. Sets *found only on
-  // kFound.
+  // kFound. kept: the point's template in earlier frames, all searched in one level; it is used while it shows the
+  // patch as it is seen now, and replaced otherwise.
   SearchOutcome find(const PatchSource& source, const Vector3f& p_w, const PredictedPoint& predicted,
-                     const Pyramid& target, const SearchOptions& options, ImagePoint* found) const;
+                     const Pyramid& target, const SearchOptions& options, ImagePoint* found,
+                     KeptTemplate* kept = nullptr) const;
 
  private:
   Vector2f streak(const Keyframe& source, const Vector3f& p_s, const Matrix2f& A_t_s, const Vector3f& p_w,

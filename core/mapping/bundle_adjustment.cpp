@@ -285,7 +285,7 @@ void BundleAdjuster::commit() {
 bool BundleAdjuster::measure_again(const MapPoint& point, Measurement* measurement) {
   const Keyframe& keyframe = map_.keyframes()[measurement->keyframe];
   PredictedPoint predicted;
-  meter_.charge(Work::kPointProjected, 1);
+  meter_.charge(Work::kOther, kPredictionInstructions);
   if (!config_.camera.project_rolling(keyframe.T_kw, keyframe.velocity, point.p_w, &predicted)) return false;
   SearchOptions options;
   options.level = config_.search_level;

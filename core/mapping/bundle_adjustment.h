@@ -6,7 +6,8 @@
 // changes nothing.
 //
 // Rolling shutter: a measurement is predicted at its own line's time with the keyframe's velocity. Beyond [phone 6] the
-// velocities may be unknowns too, with a prior from the tracker: a free velocity takes a column of its own.
+// velocities may be unknowns too, with a prior from the tracker: a free velocity takes a column of its own. They are
+// while a map begins; later they are estimated between adjustments.
 #pragma once
 
 #include "map/map.h"
@@ -16,9 +17,10 @@
 
 namespace pptam {
 
-// Free keyframes up to which velocities are unknowns too: twice the columns cost four to eight times as much. Counted,
-// in million instructions an iteration: 7.7 against 35.4 with 35 keyframes and 300 points; 8.8 with 16 keyframes, 150
-// points and velocities. Free velocities gain nothing over ones estimated between adjustments (tests/MEASURED.md).
+// Free keyframes up to which velocities may be unknowns too: twice the columns cost four to eight times as much.
+// Counted, in million instructions an iteration: 7.7 against 35.4 with 35 keyframes and 300 points; 8.8 with 16
+// keyframes, 150 points and velocities. In a finished map they gain nothing over ones estimated between adjustments
+// (tests/MEASURED.md).
 constexpr int kMaxVelocityCameras = 16;
 
 struct BundleResult {

@@ -16,9 +16,9 @@ constexpr int kBundleIterations = 12;
 // Live keyframes from which on a new keyframe is adjusted locally first: with fewer, local and full adjustment are
 // nearly the same problem. Not swept.
 constexpr int kMinKeyframesForLocal = 8;
-// Full adjustments after each keyframe before which the velocities are estimated anew, in maps too large for free
-// velocities. Not swept; in a study of finished maps one correction was as good as three (tests/MEASURED.md).
-constexpr int kVelocityRounds = 3;
+// Full adjustments after each keyframe before which the velocities are estimated anew. Three are no better, neither on
+// finished maps nor in runs (tests/MEASURED.md), and mapping takes 1.4 times the instructions.
+constexpr int kVelocityRounds = 1;
 // Search of known points in a new keyframe: radius in pixels of the level searched, and
 // SearchOptions::max_relative_zmssd. Narrower and stricter than the tracker's 4 and 0.4, since the pose is known. Not
 // swept.
@@ -88,7 +88,7 @@ Task<> Mapper::run() {
       co_await insert_keyframe();
     } else if (local_pending_) {
       local_pending_ = false;
-      co_await bundle_.run(newest_, true, kBundleIterations);
+      co_await bundle_.run(newest_, false, kBundleIterations);
     } else if (full_pending_) {
       co_await adjust_all();
     } else if (hygiene_.refining()) {
@@ -114,18 +114,18 @@ Task<> Mapper::finish_initial_map() {
   co_await point_source_->grow(newest_);
 }
 
-// One full adjustment. It stays pending until it has converged, and in large maps for kVelocityRounds more, each after
-// the velocities have been estimated anew.
+// One full adjustment. It stays pending until it has converged, and for kVelocityRounds more, each after the velocities
+// have been estimated anew.
 Task<> Mapper::adjust_all() {
   full_pending_ = false;
-  co_await bundle_.run(-1, true, kBundleIterations);
+  co_await bundle_.run(-1, false, kBundleIterations);
   if (!bundle_.result().converged) {
     full_pending_ = true;
     co_return;
   }
   co_await hygiene_.discard_unreliable_points();
   hygiene_.begin_round();
-  if (map_.live_count() > kMaxVelocityCameras && velocity_rounds_ < kVelocityRounds) {
+  if (velocity_rounds_ < kVelocityRounds) {
     ++velocity_rounds_;
     co_await pose_.update_velocities();
     full_pending_ = true;

@@ -45,11 +45,11 @@ struct PhoneProfile {
       85,    // kCornerPixel
       1450,  // kCornerAscent: includes ordering the corners
       250,   // kRotationPixel
-      1200,  // kPointProjected: includes choosing the points to search
-      6000,  // kPatchWarp: includes the affine map
-      130,   // kPatchCandidate: most are rejected after two rows of eight pixels
-      2900,  // kPatchRefineStep
-      700,   // kPosePoint: for 50 to 100 points
+      430,   // kPointProjected: includes choosing the points to search
+      4100,  // kPatchWarp
+      110,   // kPatchCandidate: most are rejected after two rows of eight pixels
+      2800,  // kPatchRefineStep: with its share of the preparation
+      750,   // kPosePoint: for 50 to 100 points
       265,   // kPoseProjection
       1000,  // kHomographyPoint
       1,     // kKeyframePixel

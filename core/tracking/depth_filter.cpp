@@ -21,6 +21,8 @@ constexpr float kMinRadius_px = 3.0f, kMaxRadius_px = 8.0f;
 constexpr float kMaxAcross_px = 3.0f;
 constexpr float kMinSlope_sq = 1e-12f;  // |d(px)/dq|^2 under which the line has no direction; guards a division
 constexpr float kMinRange = 1e-6f;      // of inverse depths, relative to the mean; guards a division
+// ARMv6, of a line's three predictions and its source's pose.
+constexpr int64_t kLineInstructions = 3 * kPredictionInstructions + 600;
 
 }  // namespace
 
@@ -44,6 +46,7 @@ void PartialAttempt::set_row(const Camera& camera, const SE3& T_cw, const Vector
 DepthFilter::DepthFilter(Arena& arena, const Config& config, Map& map, WorkMeter& meter)
     : config_(config),
       map_(map),
+      meter_(meter),
       finder_(map, config, meter),
       attempts_(arena, config.max_measured_points + config.max_partial_searches) {}
 
@@ -58,6 +61,7 @@ DepthFilter::Place DepthFilter::project(const PartialPoint& partial, const SE3& 
   line->near = std::min(partial.inverse_depth + kRangeSigmas * sigma, kInverseDepthRange * mean_q);
   line->far = std::max(partial.inverse_depth - kRangeSigmas * sigma, mean_q / kInverseDepthRange);
   if (!(line->near >= line->far)) return Place::kOutOfRange;
+  meter_.charge(Work::kOther, kLineInstructions);
   line->q = std::clamp(partial.inverse_depth, line->far, line->near);
   line->T_ws = exposed_pose(map_, config_.camera, partial.source);
   const auto at = [&](float q, PredictedPoint* predicted) {

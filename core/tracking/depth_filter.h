@@ -73,6 +73,7 @@ class DepthFilter {
 
   const Config& config_;
   Map& map_;
+  WorkMeter& meter_;
   PatchFinder finder_;
   FixedVector<PartialAttempt> attempts_;
   int next_ = 0;        // slot of Map::partial_points() where the next frame's search begins

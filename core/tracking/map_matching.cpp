@@ -29,6 +29,9 @@ constexpr float kStayingAhead_s = 0.5f;
 // search. The wide radius is not swept.
 constexpr float kRadius_px = 4.0f, kWideRadius_px = 7.0f;
 
+// Templates kept for each point that may be searched in a frame: points come and go. Not swept.
+constexpr int kKeptPerSearched = 2;
+
 // Points searched for support(), and the radius, pixels of the coarse level. With twice the radius three of 54 emulated
 // runs lost the camera that keep it with this one: chance matches outvote a prediction. Their number was not swept.
 constexpr int kSupportPoints = 16;
@@ -75,9 +78,11 @@ struct MapMatching::Rows final : PoseRows {
 MapMatching::MapMatching(Arena& arena, const Config& config, Map& map, WorkMeter& meter)
     : config_(config),
       map_(map),
+      meter_(meter),
       selection_(arena, config, meter),
       attempts_(arena, config.max_measured_points),
       finder_(map, config, meter),
+      kept_(arena, config.max_map_points, kKeptPerSearched * config.max_measured_points),
       pose_(arena, config.max_measured_points + config.max_partial_searches, config.camera.shutter.line_time_s != 0,
             meter) {}
 
@@ -153,10 +158,13 @@ MapMatch MapMatching::solve(const SE3& T_start, const VelocityPrior& prior, std:
 void MapMatching::search(const Pyramid& pyramid, const SE3& T_start, const VelocityPrior& prior,
                          const SearchOptions& options) {
   attempts_.clear();
+  const bool keeps = options.level == config_.search_level;
+  if (keeps) kept_.begin_search();
   for (const int index : selected_) {
     const MapPoint& point = map_.points()[index];
     PredictedPoint predicted;
     if (point.id == 0) continue;  // of support(): removed since the last frame
+    meter_.charge(Work::kOther, kPredictionInstructions);
     if (!config_.camera.project_rolling(T_start, prior.mean, point.p_w, &predicted) ||
         !config_.camera.in_image(predicted.px, kSearchBorder_px))
       continue;
@@ -164,7 +172,8 @@ void MapMatching::search(const Pyramid& pyramid, const SE3& T_start, const Veloc
     attempt.point = index;
     attempt.predicted_px = predicted.px;
     attempt.at = {predicted.px, static_cast<uint8_t>(options.level)};
-    switch (finder_.find(point.source, point.p_w, predicted, pyramid, options, &attempt.at)) {
+    KeptTemplate* const kept = keeps ? kept_.of(index, point.id) : nullptr;
+    switch (finder_.find(point.source, point.p_w, predicted, pyramid, options, &attempt.at, kept)) {
       case SearchOutcome::kNotVisible:
         break;
       case SearchOutcome::kNotFound:

@@ -8,6 +8,7 @@
 #include "map/map.h"
 #include "map/patch_search.h"
 #include "tracking/depth_filter.h"
+#include "tracking/kept_templates.h"
 #include "tracking/point_selection.h"
 
 namespace pptam {
@@ -71,7 +72,10 @@ class MapMatching {
   float reprojection_px() const;                           // rms error of an inlier's coordinate, level-0 pixels
   int capacity() const { return selection_.capacity(); }
   void forget() { attempts_.clear(); }
-  void restart() { selected_ = {}; }                        // with another map
+  void restart() {  // with another map
+    selected_ = {};
+    kept_.forget();
+  }
   void report(FixedVector<ObservedPoint>* observed) const;  // replaces *observed by the attempts
   void count_searches();                                    // adds the attempts to the map points' statistics
 
@@ -85,10 +89,12 @@ class MapMatching {
 
   const Config& config_;
   Map& map_;
+  WorkMeter& meter_;
   PointSelection selection_;
   std::span<const int> selected_;
   FixedVector<Attempt> attempts_;
   PatchFinder finder_;
+  KeptTemplates kept_;  // of config_.search_level
   PoseUpdater pose_;
 };
 

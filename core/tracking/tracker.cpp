@@ -183,7 +183,7 @@ void Tracker::predict() {
       frame_.previous_small(), small, motion_.expected_motion().R, motion_.expected_shift(), lamp_bands_.seen());
   if (rotation.near) lamp_bands_.note(rotation.line_share);
   if (lamp_bands_.seen()) frame_.set_lamp_lines(full_frame_rotation_.lines());
-  meter_.charge(Work::kRotationPixel, static_cast<int64_t>(rotation.iterations) * small.width * small.height);
+  meter_.charge(Work::kRotationPixel, static_cast<int64_t>(rotation.iterations) * full_frame_rotation_.pixels());
   motion_.turn(&rotation);
   if (state_ != TrackingState::kLost && motion_.rotation_surprises(config_.camera)) choose_rotation();
 }

@@ -11,15 +11,17 @@
 
 namespace pptam::test {
 
-constexpr const char* kKernelNames[] = {"bgra_row",       "half_row",  "window_sums<2>",
-                                        "window_sums<3>", "zmssd_x64", "refine_sums"};
+constexpr const char* kKernelNames[] = {"bgra_row", "half_row",  "window_sums<2>", "window_sums<3>",
+                                        "warp",     "zmssd_x64", "refine_sums"};
 constexpr int kCheckBytes = 700;  // fewer are filled up with zeros
 
 inline const char* variant_name() {
 #if defined(__ARM_FEATURE_SIMD32) && defined(__ARM_NEON)
-  return "armv6 and plain";
+  return "armv6, neon and plain";
 #elif defined(__ARM_FEATURE_SIMD32)
   return "armv6";
+#elif defined(__ARM_NEON)
+  return "neon and plain";
 #elif defined(__SSE2__)
   return "sse2";
 #else
@@ -74,6 +76,34 @@ inline const char* first_different_kernel(std::span<const uint8_t> input, const 
     plain::window_sums<3>(centre, stride, plain);
     kernel::window_sums<3>(centre, stride, variant);
     if (differ("window_sums<3>", plain, variant, sizeof plain)) return "window_sums<3>";
+  }
+  {
+    // Steps of up to 1.5 px along both axes; the first sample where all fit, in every eighth case at the last pixels.
+    constexpr int kLast = kPatchFramed - 1, kLongest = 1 + 2 * kLast * 3 / 2;  // px
+    WarpGrid grid = {};
+    const int width = kLongest + number(1, 9), height = kLongest + number(1, 9);
+    grid.stride = width + number(0, 3);
+    grid.x_last = width - 1, grid.y_last = height - 1;
+    const auto fraction = [&] { return number(0, 255) * 256 + number(0, 255); };  // 2^-16 px
+    const auto step = [&] { return fraction() + number(0, 1) * 32768 - 65536; };
+    grid.dx_di = step(), grid.dx_dj = step(), grid.dy_di = step(), grid.dy_dj = step();
+    const bool at_end = number(0, 7) == 0;
+    const auto first = [&](int32_t di, int32_t dj, int last) {
+      const int32_t low = -kLast * (std::min(di, 0) + std::min(dj, 0));
+      const int32_t high = last * 65536 - kLast * (std::max(di, 0) + std::max(dj, 0));
+      return 128 + (at_end ? high : std::min(high, low + number(0, 8) * 65536 + fraction()));
+    };
+    grid.x = first(grid.dx_di, grid.dx_dj, grid.x_last);
+    grid.y = first(grid.dy_di, grid.dy_dj, grid.y_last);
+    const std::vector<uint8_t> image = pixels((height - 1) * grid.stride + width);
+    grid.image = image.data();
+    std::vector<uint8_t> plain(kPatchFramed * kPatchFramed + sizeof(WarpBlur)), variant = plain;
+    const auto keep = [](const WarpBlur& blur, std::vector<uint8_t>* out) {
+      std::memcpy(out->data() + kPatchFramed * kPatchFramed, &blur, sizeof blur);
+    };
+    keep(plain::warp(grid, plain.data()), &plain);
+    keep(kernel::warp(grid, variant.data()), &variant);
+    if (differ("warp", plain.data(), variant.data(), plain.size())) return "warp";
   }
   const std::vector<uint8_t> framed = pixels(kPatchFramed * kPatchFramed);
   {

@@ -11,6 +11,7 @@
 #include <memory>
 #include <vector>
 
+#include "tests/kernels/test_images.h"
 #include "tests/support/random.h"
 
 namespace pptam {
@@ -149,6 +150,47 @@ TEST(FullFrameRotation, KnownRotationsAreMeasured) {
   }
   RecordProperty("rms_mrad", std::to_string(1e3 * std::sqrt(sum_sq)));
   EXPECT_LT(std::sqrt(sum_sq), kTolerance_rad / 2);
+}
+
+// A camera of four times the phone's pixels is aligned by images as small as the phone's, as well as that.
+TEST(FullFrameRotation, LargerImagesAreMadeSmaller) {
+  test::Random random;
+  CameraModel camera = phone_camera();
+  camera.width *= 2;
+  camera.height *= 2;
+  camera.fx = camera.fy = 2 * camera.fx;
+  camera.cx = 2 * camera.cx + 0.5f;
+  camera.cy = 2 * camera.cy + 0.5f;
+  camera.prepare();
+  constexpr int kSmallWidth = 30, kSmallHeight = 40;
+  const auto seen = [&](const Texture& texture, const Matrix3f& R_cw) {
+    test::OwnedImage level_4(kSmallWidth, kSmallHeight), small(kSmallWidth, kSmallHeight);
+    const Eigen::Matrix3d R_wc = R_cw.cast<double>().transpose();
+    level_4.fill([&](int x, int y) {
+      const Vector2f px(to_level0(static_cast<float>(x), 4), to_level0(static_cast<float>(y), 4));
+      return texture(R_wc * camera.unproject(px).homogeneous().cast<double>().normalized());
+    });
+    Pyramid pyramid;
+    pyramid.level[4] = level_4.view();
+    make_small_image(pyramid, small.image());
+    return small;
+  };
+  std::vector<std::max_align_t> memory(4096);
+  Arena arena(std::as_writable_bytes(std::span(memory)));
+  FullFrameRotation full_frame_rotation(arena, {camera, {}});
+  ASSERT_FALSE(arena.overflowed());
+  EXPECT_EQ(full_frame_rotation.pixels(), 15 * 20);
+  for (int trial = 0; trial < test::trials(40); ++trial) {
+    const Texture texture(random);
+    const auto angle = static_cast<float>(random.uniform(0.01, 0.05));
+    const Matrix3f R_cp = so3_exp(random_axis(random) * angle);
+    const test::OwnedImage previous = seen(texture, Matrix3f::Identity()), current = seen(texture, R_cp);
+    const RotationEstimate rotation =
+        full_frame_rotation.estimate(previous.view(), current.view(), Matrix3f::Identity(), Vector3f::Zero());
+    ASSERT_TRUE(rotation.ok) << trial << " by " << angle << " rad, residual " << rotation.residual;
+    EXPECT_LT(angle_between(rotation.R_cp, R_cp), kTolerance_rad) << trial;
+    EXPECT_GT(angle_between(Matrix3f::Identity(), R_cp), kTolerance_rad) << "control: without an estimate";
+  }
 }
 
 // What a phone sees when it turns at angular velocity omega (radians/s, camera frame) round its centre: a 30 ms

@@ -10,6 +10,7 @@
 #include "tests/support/map_building.h"
 #include "tests/support/phone_camera.h"
 #include "tests/support/random.h"
+#include "tracking/kept_templates.h"
 
 namespace pptam {
 namespace {
@@ -123,6 +124,62 @@ TEST(Streaks, FollowFromTheVelocities) {
   EXPECT_GE(from_still, 45);
   EXPECT_GE(found(moving, velocity), 55);
   EXPECT_LT(control, from_still - 15);
+}
+
+// A template serves until its warp, or the streak by which it was blurred, has changed by an eighth of a pixel, and
+// only for its own patch.
+TEST(KeptTemplates, ServeWhileTheyShowThePatch) {
+  test::Random random;
+  constexpr float kEighth_px = 0.125f, kCorner_px = 4.9497f;  // the corner's distance from the middle, 3.5 x sqrt 2
+  constexpr int kLevel = 1;
+  Keyframe source;
+  source.id = 3;
+  for (int trial = 0; trial < 100; ++trial) {
+    Matrix2f A;
+    for (int i = 0; i < 4; ++i)
+      A.data()[i] = static_cast<float>(random.uniform(-0.3, 0.3)) + (i % 3 == 0 ? 1.0f : 0.0f);
+    KeptTemplate kept;
+    const Vector2f px(50, 60);
+    EXPECT_FALSE(kept.shows(source, px, A, kLevel, {0, 0})) << "there is none yet";
+    kept.keyframe_id = source.id;
+    kept.source_px = px;
+    kept.A_s_t = A.inverse();
+    for (const float share : {0.95f, 1.05f}) {
+      const bool serves = share < 1;
+      const float turn = share * kEighth_px / kCorner_px;
+      Matrix2f turned, larger = (1 + turn) * A;
+      turned << 1, -turn, turn, 1;
+      EXPECT_EQ(kept.shows(source, px, larger, kLevel, {0, 0}), serves) << share;
+      EXPECT_EQ(kept.shows(source, px, turned * A, kLevel, {0, 0}), serves) << share;
+      EXPECT_EQ(kept.shows(source, px, A, kLevel, {0, 2 * share * kEighth_px}), serves) << share;
+    }
+    EXPECT_FALSE(kept.shows(source, px + Vector2f(1, 0), A, kLevel, {0, 0}));
+    source.id = 4;
+    EXPECT_FALSE(kept.shows(source, px, A, kLevel, {0, 0}));
+    source.id = 3;
+  }
+}
+
+// Of more points than there are places, those that are asked for in every search keep theirs; a slot's next point has
+// another.
+TEST(KeptTemplates, GiveWayInTurn) {
+  constexpr int kPoints = 12, kPlaces = 6;
+  KeptTemplates* kept = nullptr;
+  const test::Block block([&](Arena& arena) { kept = arena.create<KeptTemplates>(kPoints, kPlaces); });
+  const auto id = [](int slot) { return static_cast<uint32_t>(100 + slot); };
+  const auto note = [&](int slot) { kept->of(slot, id(slot))->keyframe_id = id(slot); };
+  const auto has = [&](int slot) { return kept->of(slot, id(slot))->keyframe_id == id(slot); };
+  for (const int slot : {0, 1, 2}) note(slot);
+  for (int search = 0; search < 40; ++search) {
+    kept->begin_search();
+    for (const int slot : {0, 1, 2}) EXPECT_TRUE(has(slot)) << search;
+    EXPECT_FALSE(has(3 + search % 9)) << search;
+    note(3 + search % 9);
+  }
+  EXPECT_EQ(kept->of(0, id(0) + 50)->keyframe_id, 0u) << "another point in the same slot";
+  note(1);
+  kept->forget();
+  EXPECT_FALSE(has(1));
 }
 
 // A point on the ray of a partial point is seen at the source pixel, wherever on the ray, by a camera that moved while
