@@ -2,6 +2,7 @@
 // goes on as if there had been no such call.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <functional>
@@ -11,14 +12,13 @@
 
 #include <pocket_ptam/pocket_ptam_c.h>
 #include "tests/support/c_phone.h"
+#include "tests/support/random.h"
 #include "tests/support/recording.h"
-#include "tests/support/rendered_object.h"
 
 namespace pptam {
 namespace {
 
 using test::Block;
-using test::c_camera_of;
 using test::c_config_for;
 using test::c_frame;
 using test::CPhone;
@@ -408,6 +408,143 @@ TEST(CHostile, SystemsSideBySideDoNotMeet) {
   EXPECT_EQ(pptam_map_hash(first), alone(c_config_for(frames)));
   EXPECT_EQ(pptam_map_hash(second), alone(other_config));
   EXPECT_NE(pptam_map_hash(first), pptam_map_hash(second));
+}
+
+int64_t count_up(void* user) {
+  return ++*static_cast<int64_t*>(user);
+}
+
+// Copies into an array of `room` entries, which are followed by rubbish that must stay.
+template <class T, class Copy>
+void expect_within(size_t room, const Copy& copy) {
+  std::vector<T> out(room + 1);
+  std::memset(static_cast<void*>(&out[room]), 0x5a, sizeof(T));
+  const T behind = out[room];
+  int32_t count = -1;
+  const pptam_status status = copy(out.data(), room, &count);
+  EXPECT_EQ(status.code, PPTAM_OK) << status.message;
+  EXPECT_GE(count, 0);
+  EXPECT_EQ(std::memcmp(&behind, &out[room], sizeof(T)), 0);
+}
+
+TEST(CHostile, AnySequenceOfCallsIsHarmless) {
+  const test::Recording& frames = desk_recording();
+  test::Random random;
+  pptam_config config = c_config_for(frames);
+  config.max_keyframes = 6;  // small pools, so that they fill
+  config.max_map_points = 120;
+  config.auto_start = true;
+  CPhone system(config);
+  std::vector<unsigned char> file;
+  int64_t now_ns = 0, ticks = 0;
+  int cursor = 0, poses = 0, refused = 0, loaded = 0, codes[PPTAM_CONFIG_MISMATCH + 1] = {};
+  for (int step = 0; step < test::trials(1500); ++step) {
+    pptam_status status = {PPTAM_OK, ""};
+    const auto room = static_cast<size_t>(random.integer(0, 40));
+    const int32_t map = random.integer(-1, 3);
+    switch (std::max(0, random.integer(-40, 14))) {
+      case 1:
+        if (random.integer(0, 9) == 0) status = random.integer(0, 1) == 0 ? pptam_tap(system) : pptam_reset(system);
+        break;
+      case 2:
+        status = pptam_set_locked(system, random.integer(0, 4) == 0);
+        break;
+      case 3: {
+        const auto id = static_cast<uint32_t>(random.integer(0, 300));
+        const float lengths[] = {0.1f, 0, -1, kNotANumber, 1e30f, 1e-30f};
+        status = pptam_set_length(system, id, id + 1, lengths[random.integer(0, 5)]);
+        break;
+      }
+      case 4: {
+        std::vector<unsigned char> saved(pptam_map_bytes(system));
+        size_t bytes = 0;
+        status = pptam_save_map(system, saved.data(), saved.size(), &bytes);
+        if (status.code == PPTAM_OK) file = saved;
+        break;
+      }
+      case 5: {
+        std::vector<unsigned char> changed = file;
+        if (!changed.empty() && random.integer(0, 2) > 0)
+          changed[static_cast<size_t>(random.integer(0, static_cast<int>(changed.size()) - 1))] ^= 4;
+        status = pptam_load_map(system, changed.data(), changed.size());
+        loaded += status.code == PPTAM_OK;
+        break;
+      }
+      case 6:
+        status = pptam_set_clock(system, random.integer(0, 1) == 0 ? nullptr : count_up, &ticks);
+        break;
+      case 7:
+        expect_within<pptam_keyframe>(room, [&](auto... a) { return pptam_keyframes(system, map, a...); });
+        break;
+      case 8:
+        expect_within<pptam_map_point>(room, [&](auto... a) { return pptam_map_points(system, map, a...); });
+        break;
+      case 9:
+        expect_within<pptam_measurement>(room, [&](auto... a) { return pptam_measurements(system, map, a...); });
+        break;
+      case 10:
+        expect_within<pptam_observed_point>(room, [&](auto... a) { return pptam_observed_points(system, a...); });
+        break;
+      case 11: {
+        pptam_image image;
+        status = pptam_keyframe_image(system, static_cast<uint32_t>(random.integer(0, 40)), &image);
+        if (status.code == PPTAM_OK) {
+          EXPECT_EQ(image.width, config.camera.width);
+        }
+        break;
+      }
+      case 12: {
+        pptam_pose pose;
+        float velocity[6], p_w[3], px[2];
+        const auto fill = [&](float* numbers, int count) {
+          const float sizes[] = {1, 1e9f, 1e20f, kEndless};
+          for (int i = 0; i < count; ++i)
+            numbers[i] = static_cast<float>(random.uniform(-1, 1)) * sizes[std::max(0, random.integer(-60, 3))];
+        };
+        fill(pose.R, 9), fill(pose.t, 3), fill(velocity, 6), fill(p_w, 3);
+        bool visible = false;
+        status = pptam_project(system, &pose, velocity, p_w, px, &visible);
+        if (status.code == PPTAM_OK && visible) {
+          EXPECT_TRUE(std::isfinite(px[0]) && std::isfinite(px[1]));
+        }
+        break;
+      }
+      case 13: {
+        pptam_frame frame = c_frame(frames.frame(cursor, now_ns + 1));
+        int32_t* const fields[] = {&frame.width, &frame.height, &frame.stride_bytes, &frame.format};
+        *fields[random.integer(0, 3)] = random.integer(-300, 200);  // no stride that reaches beyond the pixels
+        pptam_track_result result;
+        status = pptam_track(system, &frame, &result);
+        if (status.code == PPTAM_OK) now_ns = frame.timestamp_ns;  // grey by another name
+        break;
+      }
+      case 14:
+        for (int i = random.integer(0, 60); i > 0; --i) status = pptam_work_slice(system);
+        break;
+      default: {
+        cursor = (cursor + 1) % frames.size();
+        now_ns += 66666667;
+        const pptam_frame frame = c_frame(frames.frame(cursor, now_ns));
+        pptam_track_result result;
+        status = pptam_track(system, &frame, &result);
+        ASSERT_EQ(status.code, PPTAM_OK) << status.message;
+        poses += result.pose_valid;
+        for (const float number : result.T_cw.R) ASSERT_TRUE(std::isfinite(number));
+        for (int i = 0; i < 20; ++i) pptam_work_slice(system);
+      }
+    }
+    ASSERT_GE(status.code, PPTAM_OK);
+    ASSERT_LE(status.code, PPTAM_CONFIG_MISMATCH);
+    ASSERT_EQ(status.code == PPTAM_OK, status.message[0] == '\0') << status.message;
+    ++codes[status.code];
+    refused += status.code != PPTAM_OK;
+  }
+  // It went through all that, or nothing was tested.
+  EXPECT_GT(poses, 50);
+  EXPECT_GT(refused, 20);
+  EXPECT_GT(loaded, 0);
+  EXPECT_GT(codes[PPTAM_BAD_FILE], 0);
+  EXPECT_GT(ticks, 0);
 }
 
 }  // namespace
