@@ -15,9 +15,9 @@ Without options the presets below, one after the other:
   sanitize  unit, kernel, map file, bits and API    aarch64   the same on a 64-bit Cortex-A53
             tests by clang with sanitizers
 --all: besides, the tests of sanitize by clang without them, the unit tests on every processor, the studies whole that
-are otherwise sampled, in an emulated PC cameras with sanitizers, libcamera and a screen, the library as a subproject
-and as Debian packages, the core without an operating system on an emulated microcontroller (cortex-m7), and the whole
-program for boards with Debian, emulated: board-arm64, board-armhf, board-armel.
+are otherwise sampled, in an emulated PC cameras with sanitizers, libcamera and a screen, the library as part of another
+project, the core without an operating system on an emulated microcontroller (cortex-m7), and the whole program for
+boards with Debian, emulated: board-arm64, board-armhf, board-armel.
 With other options one preset, test if none is named; those that are not known here go to ctest:
   tests/run.sh -L unit                   only the tests of one folder: unit, kernels, map_file, budget, scenario,
                                          calibrate, cli, display, platform, examples

@@ -119,7 +119,7 @@ TEST(ModelCApi, GivesTheBitsOfTheCppInterface) {
   ASSERT_TRUE(tracker->start(swaying(0)).ok());
   ASSERT_EQ(pptam_model_start(c.tracker, &start).code, PPTAM_OK);
   int poses = 0;
-  for (int i = 0; i < 12; ++i) {
+  for (int i = 0; i < 4; ++i) {  // few: emulated processors render them, too
     const std::vector<uint8_t> image = object.render(camera, [&](float t_s) { return swaying(30 * t_s + float(i)); });
     const ModelResult r = tracker.track(image);
     const pptam_frame frame = {image.data(),       camera.model.width, camera.model.height,
@@ -154,7 +154,7 @@ TEST(ModelCApi, GivesTheBitsOfTheCppInterface) {
       EXPECT_EQ(sites[k].kind, static_cast<int>(r.sites[k].kind));
     }
   }
-  EXPECT_GT(poses, 6) << "or nothing is compared";
+  EXPECT_GT(poses, 2) << "or nothing is compared";
   pptam_model_tracker_config config = {};
   ASSERT_EQ(pptam_model_tracker_get_config(c.tracker, &config).code, PPTAM_OK);
   EXPECT_EQ(config.model, c.object);
