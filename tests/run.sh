@@ -147,7 +147,7 @@ for preset in "${presets[@]}"; do
       targets=(kernels_tests map_file_tests bits_tests budget_tests edges_tests)
       labels='^(kernels|map_file|bits|budget|edges)$'
       ;;
-    cortex-m7) targets=(bare_metal) labels='^bare_metal$' ;;
+    cortex-m7) targets=(bare_metal bare_metal_all) labels='^bare_metal$' ;;
     armv7 | aarch64)
       targets=(kernels_tests map_file_tests bits_tests edges_tests)
       labels='^(kernels|map_file|bits|edges)$'

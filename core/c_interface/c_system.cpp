@@ -15,8 +15,9 @@ namespace {
 
 constexpr const char* kNoSystem = "system is null: pptam_create() has not made one";
 constexpr const char* kNullPointer = "a pointer is null";
-// Of coordinates to be projected, and of turning rates, rad/s: nothing overflows, and no angle leaves the sine's
-// domain.
+constexpr const char* kNoMotion = "the pose is not a rotation and a translation within 1e9";
+// Of coordinates, world units: no product of two overflows. Of turning rates, rad/s: in half a readout, at most 0.5 s,
+// no angle leaves the sine's domain.
 constexpr float kMostCoordinate = 1e9f, kMostRate = 1e3f;
 
 class CallbackClock final : public Clock {
@@ -130,6 +131,13 @@ pptam_track_result result_to_c(const TrackResult& r) {
   return c;
 }
 
+// Whether R is a rotation but for rounding, and all is finite.
+bool is_motion(const pptam_pose& pose) {
+  if (!all_within(pose.R, 9, 2) || !all_within(pose.t, 3, kMostCoordinate)) return false;
+  const Matrix3f R = pose_from(pose).R;
+  return (R * R.transpose() - Matrix3f::Identity()).squaredNorm() < 1e-4f && R.determinant() > 0;
+}
+
 pptam_keyframe entry_to_c(const KeyframeInfo& keyframe) {
   return {keyframe.id, keyframe.timestamp_ns, to_c(keyframe.T_cw)};
 }
@@ -208,6 +216,7 @@ void pptam_set_assert_handler(pptam_assert_handler handler) {
 
 pptam_status pptam_inverse_as_quaternion(const pptam_pose* pose, float position[3], float quaternion_xyzw[4]) {
   if (!pose || !position || !quaternion_xyzw) return refused(kNullPointer);
+  if (!pptam::c::is_motion(*pose)) return refused(pptam::c::kNoMotion);
   const pptam::SE3 inverse = pptam::c::pose_from(*pose).inverse();
   Eigen::Quaternionf q(inverse.R);
   q.normalize();
@@ -358,11 +367,11 @@ pptam_status pptam_project(const pptam_system* system, const pptam_pose* T_cw, c
                            const float p_w[3], float px[2], bool* visible) {
   if (!system) return refused(kNoSystem);
   if (!T_cw || !velocity || !p_w || !px || !visible) return refused(kNullPointer);
+  if (!pptam::c::is_motion(*T_cw)) return refused(pptam::c::kNoMotion);
   using pptam::c::all_within;
-  if (!all_within(T_cw->R, 9, 2) || !all_within(T_cw->t, 3, pptam::c::kMostCoordinate) ||
-      !all_within(velocity, 3, pptam::c::kMostCoordinate) || !all_within(velocity + 3, 3, pptam::c::kMostRate) ||
+  if (!all_within(velocity, 3, pptam::c::kMostCoordinate) || !all_within(velocity + 3, 3, pptam::c::kMostRate) ||
       !all_within(p_w, 3, pptam::c::kMostCoordinate))
-    return refused("pptam_project: no rotation, or a coordinate beyond 1e9 or a turning rate beyond 1e3 rad/s");
+    return refused("pptam_project: a coordinate beyond 1e9, or a turning rate beyond 1e3 rad/s");
   pptam::PredictedPoint seen;
   *visible = system->system->config().camera.project_rolling(
       pptam::c::pose_from(*T_cw), Eigen::Map<const pptam::Vector6f>(velocity), pptam::c::vector3_from(p_w), &seen);

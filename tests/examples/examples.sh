@@ -44,6 +44,9 @@ case "$step" in
     readelf -d "$shared" | grep -q 'SONAME.*\[libpocket-ptam\.so\.[0-9]*\]' || fail "no versioned soname"
     needed=$(readelf -d "$shared" | sed -nE 's/.*NEEDED.*\[(.*)\]/\1/p' | grep -vE '^(libc|libm|ld-linux.*)\.so' || true)
     [[ -z "$needed" ]] || fail "the shared library needs $needed"
+    if nm -D --undefined-only "$shared" | grep -wE 'malloc|calloc|realloc|free|printf'; then
+      fail "the library has what the core must not need"
+    fi
     diff <(sed -nE 's/^PPTAM_API .*[ *](pptam_[a-z_]+)\(.*/\1/p' "$usr/include/pocket_ptam/pocket_ptam_c.h" | sort) \
       <(nm -D --defined-only "$shared" | awk '$2 == "T" { sub(/@.*/, "", $3); print $3 }' | sort) ||
       fail "the shared library does not show the functions of pocket_ptam_c.h, or others too"

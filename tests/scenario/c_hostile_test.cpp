@@ -216,7 +216,7 @@ std::vector<Hostile> hostile_calls() {
   static size_t bytes;
   static float numbers[6];
   static bool visible;
-  static pptam_pose pose;
+  static const pptam_pose rest = {{1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}};
   using Frame = const pptam_frame&;
   const int32_t refused = PPTAM_INVALID_ARGUMENT;
   return {
@@ -260,20 +260,25 @@ std::vector<Hostile> hostile_calls() {
        [](pptam_system* s, Frame f) { return pptam_load_map(s, f.data, static_cast<size_t>(f.width * f.height)); }},
       {"a pose of no numbers", refused,
        [](pptam_system* s, Frame) {
-         pptam_pose bad = {};
+         pptam_pose bad = rest;
          bad.t[1] = kNotANumber;
          return pptam_project(s, &bad, numbers, numbers, numbers, &visible);
        }},
       {"a pose that is no rotation", refused,
        [](pptam_system* s, Frame) {
-         pptam_pose bad = {};
-         bad.R[4] = 1e20f;
+         pptam_pose bad = rest;
+         bad.R[4] = -1;
          return pptam_project(s, &bad, numbers, numbers, numbers, &visible);
        }},
       {"a turn that is endless", refused,
        [](pptam_system* s, Frame) {
          const float fast[6] = {0, 0, 0, 0, kEndless, 0};
-         return pptam_project(s, &pose, fast, numbers, numbers, &visible);
+         return pptam_project(s, &rest, fast, numbers, numbers, &visible);
+       }},
+      {"a quaternion of no rotation", refused,
+       [](pptam_system*, Frame) {
+         const pptam_pose none = {};
+         return pptam_inverse_as_quaternion(&none, numbers, numbers);
        }},
       {"a ray of no pixel", refused,
        [](pptam_system* s, Frame) {
@@ -292,7 +297,7 @@ std::vector<Hostile> hostile_calls() {
   };
 }
 
-// A map of the same desk cut short, altered in a byte, and of another camera.
+// A map of the same desk, cut short, and with a byte altered.
 std::vector<Hostile> hostile_maps(std::vector<unsigned char>* file) {
   return {
       {"a map cut short", PPTAM_BAD_FILE,
@@ -501,7 +506,9 @@ TEST(CHostile, AnySequenceOfCallsIsHarmless) {
           for (int i = 0; i < count; ++i)
             numbers[i] = static_cast<float>(random.uniform(-1, 1)) * sizes[std::max(0, random.integer(-60, 3))];
         };
-        fill(pose.R, 9), fill(pose.t, 3), fill(velocity, 6), fill(p_w, 3);
+        const bool turned = random.integer(0, 4) > 0;
+        for (int i = 0; i < 9; ++i) pose.R[i] = turned ? (i % 4 == 0 ? 1.0f : 0.0f) : kNotANumber;
+        fill(pose.t, 3), fill(velocity, 6), fill(p_w, 3);
         bool visible = false;
         status = pptam_project(system, &pose, velocity, p_w, px, &visible);
         if (status.code == PPTAM_OK && visible) {
