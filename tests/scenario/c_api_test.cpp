@@ -162,6 +162,55 @@ void expect_same_map(System& system, pptam_system* c) {
   }
 }
 
+// The pixel of a map point through lens and shutter, and a pose as files have it.
+void expect_same_drawing(System& system, pptam_system* c, const TrackResult& result) {
+  pptam_map_point point;
+  int32_t count = 0;
+  ASSERT_EQ(pptam_map_points(c, 0, &point, 1, &count).code, PPTAM_OK);
+  pptam_pose T_cw;
+  for (int i = 0; i < 9; ++i) T_cw.R[i] = result.T_cw.R(i / 3, i % 3);
+  for (int i = 0; i < 3; ++i) T_cw.t[i] = result.T_cw.t(i);
+  PredictedPoint seen;
+  const Camera& camera = system.config().camera;
+  ASSERT_TRUE(camera.project_rolling(result.T_cw, result.velocity, vector_of(point.p_w), &seen));
+  float px[2] = {}, ray[2] = {}, position[3] = {}, quaternion[4] = {};
+  bool visible = false;
+  ASSERT_EQ(pptam_project(c, &T_cw, result.velocity.data(), point.p_w, px, &visible).code, PPTAM_OK);
+  EXPECT_TRUE(visible);
+  EXPECT_EQ(Vector2f(px[0], px[1]), seen.px);
+  ASSERT_EQ(pptam_unproject(c, px, ray).code, PPTAM_OK);
+  EXPECT_EQ(Vector2f(ray[0], ray[1]), camera.unproject(seen.px));
+  ASSERT_EQ(pptam_inverse_as_quaternion(&T_cw, position, quaternion).code, PPTAM_OK);
+  EXPECT_EQ(vector_of(position), result.T_cw.centre());
+  const Eigen::Quaternionf q(quaternion[3], quaternion[0], quaternion[1], quaternion[2]);
+  // Some roundings of 6e-8 in each entry of a rotation.
+  EXPECT_LT((q.toRotationMatrix() - result.T_cw.R.transpose()).norm(), 2e-6f);
+}
+
+// Saved maps are the same bytes, and each side loads the other's.
+void expect_same_file(System& system, pptam_system* c) {
+  std::vector<std::byte> file(system.map_bytes());
+  std::vector<std::byte> c_file(pptam_map_bytes(c));
+  size_t bytes = 0, c_bytes = 0;
+  ASSERT_TRUE(system.save_map(file, &bytes).ok());
+  ASSERT_EQ(pptam_save_map(c, c_file.data(), c_file.size(), &c_bytes).code, PPTAM_OK);
+  EXPECT_EQ(c_bytes, bytes);
+  EXPECT_EQ(c_file, file);
+  pptam_map_info c_info;
+  MapInfo info;
+  ASSERT_TRUE(System::map_info(file, &info).ok());
+  ASSERT_EQ(pptam_read_map_info(c_file.data(), c_file.size(), &c_info).code, PPTAM_OK);
+  EXPECT_EQ(c_info.version, info.version);
+  EXPECT_EQ(c_info.camera.fx, info.camera.model.fx);
+  EXPECT_EQ(c_info.maps, info.maps);
+  EXPECT_EQ(c_info.keyframes, info.keyframes);
+  EXPECT_EQ(c_info.map_points, info.map_points);
+  EXPECT_EQ(c_info.min_measurements_per_point, info.min_measurements_per_point);
+  CPhone other(c_config_for(desk_recording()));
+  ASSERT_EQ(pptam_load_map(other, file.data(), file.size()).code, PPTAM_OK);
+  EXPECT_EQ(pptam_map_hash(other), pptam_map_hash(c));
+}
+
 TEST(CApi, GivesTheBitsOfTheCppInterface) {
   const Recording& frames = desk_recording();
   Phone phone(test::config_for(frames));
@@ -209,50 +258,8 @@ TEST(CApi, GivesTheBitsOfTheCppInterface) {
   EXPECT_EQ(pptam_work_instructions(c), meter.instructions());
   EXPECT_EQ(pptam_work_ns(c), meter.modelled_ns());
   for (int i = 0; i < PPTAM_WORK_COUNT; ++i) EXPECT_EQ(pptam_work_units(c, i), meter.units(static_cast<Work>(i)));
-
-  // Drawing: the pixel of a map point through the lens and the shutter.
-  pptam_map_point point;
-  ASSERT_EQ(pptam_map_points(c, 0, &point, 1, &count).code, PPTAM_OK);
-  pptam_pose T_cw;
-  for (int i = 0; i < 9; ++i) T_cw.R[i] = result.T_cw.R(i / 3, i % 3);
-  for (int i = 0; i < 3; ++i) T_cw.t[i] = result.T_cw.t(i);
-  PredictedPoint seen;
-  const Camera& camera = phone->config().camera;
-  ASSERT_TRUE(camera.project_rolling(result.T_cw, result.velocity, vector_of(point.p_w), &seen));
-  float px[2] = {}, ray[2] = {}, position[3] = {}, quaternion[4] = {};
-  bool visible = false;
-  ASSERT_EQ(pptam_project(c, &T_cw, result.velocity.data(), point.p_w, px, &visible).code, PPTAM_OK);
-  EXPECT_TRUE(visible);
-  EXPECT_EQ(Vector2f(px[0], px[1]), seen.px);
-  ASSERT_EQ(pptam_unproject(c, px, ray).code, PPTAM_OK);
-  EXPECT_EQ(Vector2f(ray[0], ray[1]), camera.unproject(seen.px));
-  ASSERT_EQ(pptam_inverse_as_quaternion(&T_cw, position, quaternion).code, PPTAM_OK);
-  EXPECT_EQ(vector_of(position), result.T_cw.centre());
-  const Eigen::Quaternionf q(quaternion[3], quaternion[0], quaternion[1], quaternion[2]);
-  // Some roundings of 6e-8 in each entry of a rotation.
-  EXPECT_LT((q.toRotationMatrix() - result.T_cw.R.transpose()).norm(), 2e-6f);
-
-  // Saved maps are the same bytes, and each side loads the other's.
-  std::vector<std::byte> file(phone->map_bytes());
-  std::vector<std::byte> c_file(pptam_map_bytes(c));
-  size_t bytes = 0, c_bytes = 0;
-  ASSERT_TRUE(phone->save_map(file, &bytes).ok());
-  ASSERT_EQ(pptam_save_map(c, c_file.data(), c_file.size(), &c_bytes).code, PPTAM_OK);
-  EXPECT_EQ(c_bytes, bytes);
-  EXPECT_EQ(c_file, file);
-  pptam_map_info c_info;
-  MapInfo info;
-  ASSERT_TRUE(System::map_info(file, &info).ok());
-  ASSERT_EQ(pptam_read_map_info(c_file.data(), c_file.size(), &c_info).code, PPTAM_OK);
-  EXPECT_EQ(c_info.version, info.version);
-  EXPECT_EQ(c_info.camera.fx, info.camera.model.fx);
-  EXPECT_EQ(c_info.maps, info.maps);
-  EXPECT_EQ(c_info.keyframes, info.keyframes);
-  EXPECT_EQ(c_info.map_points, info.map_points);
-  EXPECT_EQ(c_info.min_measurements_per_point, info.min_measurements_per_point);
-  CPhone other(c_config_for(frames));
-  ASSERT_EQ(pptam_load_map(other, file.data(), file.size()).code, PPTAM_OK);
-  EXPECT_EQ(pptam_map_hash(other), pptam_map_hash(c));
+  expect_same_drawing(*phone, c, result);
+  expect_same_file(*phone, c);
 }
 
 TEST(CApi, ConfigurationsArriveWhole) {
