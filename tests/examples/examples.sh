@@ -78,6 +78,11 @@ case "$step" in
     cc "$here/example.c" -I"$usr/include" "$library/libpocket-ptam.a" -lm -o "$folder/example_static"
     track static "$folder/example_static"
     same_as_program static || fail "the static library has other poses or another map than the program"
+    # The one that reads a camera is compiled; run, it says that this is none.
+    cc -Wall -Wextra -Werror "$here/example_v4l2.c" $(pkg-config --cflags --libs pocket-ptam) -lm \
+      -o "$folder/example_v4l2"
+    if "$folder/example_v4l2" /dev/null 60 2>"$folder/v4l2.txt"; then fail "/dev/null was taken for a camera"; fi
+    grep -q 'no video camera' "$folder/v4l2.txt" || fail "$(cat "$folder/v4l2.txt")"
     # The comparison can fail: another focal length, 1 % longer.
     awk '{ $3 *= 1.01; $4 *= 1.01; print }' "$folder/camera.txt" >"$folder/camera_control.txt"
     "$folder/example_c" "$folder/camera_control.txt" "$folder/times.txt" <"$folder/frames.grey" \
