@@ -21,8 +21,7 @@ write_basic_package_version_file(${generated}/PocketPTAMConfigVersion.cmake COMP
 install(FILES ${generated}/PocketPTAMConfig.cmake ${generated}/PocketPTAMConfigVersion.cmake
         DESTINATION ${config_folder} COMPONENT development)
 # Seen from the file itself, so that an installed tree may be moved.
-file(RELATIVE_PATH PPTAM_PREFIX_FROM_PC ${CMAKE_INSTALL_FULL_LIBDIR}/pkgconfig ${CMAKE_INSTALL_PREFIX})
-string(REGEX REPLACE "/$" "" PPTAM_PREFIX_FROM_PC ${PPTAM_PREFIX_FROM_PC})
+file(RELATIVE_PATH PPTAM_INCLUDE_FROM_PC ${CMAKE_INSTALL_FULL_LIBDIR}/pkgconfig ${CMAKE_INSTALL_FULL_INCLUDEDIR})
 configure_file(toolchains/pocket-ptam.pc.in ${generated}/pocket-ptam.pc @ONLY)
 install(FILES ${generated}/pocket-ptam.pc DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig COMPONENT development)
 
