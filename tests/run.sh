@@ -15,11 +15,12 @@ Without options the presets below, one after the other:
   sanitize  unit, kernel, map file, bits and API    aarch64   the same on a 64-bit Cortex-A53
             tests by clang with sanitizers
 --all: besides, the tests of sanitize by clang without them, the unit tests on every processor, the studies whole that
-are otherwise sampled, in an emulated PC cameras with sanitizers, libcamera and a screen, and the whole program for
+are otherwise sampled, in an emulated PC cameras with sanitizers, libcamera and a screen, the library as part of another
+project, the core without an operating system on an emulated microcontroller (cortex-m7), and the whole program for
 boards with Debian, emulated: board-arm64, board-armhf, board-armel.
 With other options one preset, test if none is named; those that are not known here go to ctest:
   tests/run.sh -L unit                   only the tests of one folder: unit, kernels, map_file, budget, scenario,
-                                         calibrate, cli, display, platform
+                                         calibrate, cli, display, platform, examples
   tests/run.sh -R Pyramid                only tests whose name matches
   tests/run.sh --rerun-failed            only those that failed the last time
   tests/run.sh --preset armv6 -R OfAFrame --verbose      the table of instructions a frame
@@ -32,10 +33,10 @@ while (($# > 0)); do
   case "$1" in
     --all)
       export PPTAM_ALL=1
-      presets=(style test clang sanitize armv6 armv7 aarch64 board-arm64 board-armhf board-armel)
+      presets=(style test clang sanitize armv6 armv7 aarch64 cortex-m7 board-arm64 board-armhf board-armel)
       ;;
     --preset)
-      known=" style test debug clang sanitize armv6 armv7 aarch64 board-arm64 board-armhf board-armel "
+      known=" style test debug clang sanitize armv6 armv7 aarch64 cortex-m7 board-arm64 board-armhf board-armel "
       if [[ "$known" != *" ${2:-none} "* ]]; then
         echo "error: --preset needs one of$known; see --help" >&2
         exit 2
@@ -68,6 +69,7 @@ for preset in "${presets[@]}"; do
     style) packages+=("${style_packages[@]}") ;;
     clang | sanitize) packages+=("${sanitize_packages[@]}") ;;
     arm* | aarch64) packages+=("${target_packages[@]}") ;;
+    cortex-m7) packages+=("${microcontroller_packages[@]}") ;;
     board-*) packages+=("${board_packages[@]}") ;;
   esac
 done
@@ -145,6 +147,7 @@ for preset in "${presets[@]}"; do
       targets=(kernels_tests map_file_tests bits_tests budget_tests edges_tests)
       labels='^(kernels|map_file|bits|budget|edges)$'
       ;;
+    cortex-m7) targets=(bare_metal bare_metal_all) labels='^bare_metal$' ;;
     armv7 | aarch64)
       targets=(kernels_tests map_file_tests bits_tests edges_tests)
       labels='^(kernels|map_file|bits|edges)$'

@@ -15,9 +15,12 @@ display_packages=(                                      # pictures: overlays, sc
 window_packages=(libsdl2-dev)                           # --show in a window
 window_test_packages=(xvfb xdotool x11-apps)            # tests/display: an X server without a screen
 calibrate_packages=(libopencv-calib3d-dev)              # only calibrate needs it, and it is large: not the program's
-test_packages=(libgtest-dev "${calibrate_packages[@]}")
+test_packages=(libgtest-dev dpkg-dev python3 "${calibrate_packages[@]}")  # dpkg-dev: packages are made
 target_packages=(                                       # tests/run.sh runs the core on other processors
   g++-arm-linux-gnueabi g++-arm-linux-gnueabihf g++-aarch64-linux-gnu qemu-user
+)
+microcontroller_packages=(                              # the core without an operating system
+  gcc-arm-none-eabi libnewlib-arm-none-eabi libstdc++-arm-none-eabi-newlib qemu-system-arm
 )
 board_packages=(                                        # toolchains/board.cmake cross-builds the program
   g++-12-arm-linux-gnueabi g++-12-arm-linux-gnueabihf g++-12-aarch64-linux-gnu qemu-user

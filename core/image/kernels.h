@@ -39,8 +39,8 @@ struct WarpBlur {
 // weight of 256, and variants by hand leave the patch to the plain one.
 inline bool touches_last(const WarpGrid& grid) {
   constexpr int kLast = kPatchFramed - 1;
-  const int32_t x_high = grid.x + kLast * (std::max(grid.dx_di, 0) + std::max(grid.dx_dj, 0));
-  const int32_t y_high = grid.y + kLast * (std::max(grid.dy_di, 0) + std::max(grid.dy_dj, 0));
+  const int32_t x_high = grid.x + kLast * (std::max<int32_t>(grid.dx_di, 0) + std::max<int32_t>(grid.dx_dj, 0));
+  const int32_t y_high = grid.y + kLast * (std::max<int32_t>(grid.dy_di, 0) + std::max<int32_t>(grid.dy_dj, 0));
   return x_high >> 16 >= grid.x_last || y_high >> 16 >= grid.y_last;
 }
 
@@ -171,7 +171,7 @@ inline WarpBlur warp(WarpGrid grid, uint8_t* framed) {
   for (int j = 0; j < kPatchFramed; ++j) {
     int32_t x = grid.x + j * grid.dx_dj, y = grid.y + j * grid.dy_dj;
     for (int i = 0; i < kPatchFramed; ++i, x += grid.dx_di, y += grid.dy_di) {
-      const int32_t x0 = std::min(x >> 16, grid.x_last - 1), y0 = std::min(y >> 16, grid.y_last - 1);
+      const int32_t x0 = std::min<int32_t>(x >> 16, grid.x_last - 1), y0 = std::min<int32_t>(y >> 16, grid.y_last - 1);
       const int32_t x_weight = (x >> 8) - x0 * 256, y_weight = (y >> 8) - y0 * 256;
       blur.x += x_weight * (256 - x_weight);
       blur.y += y_weight * (256 - y_weight);

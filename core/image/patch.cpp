@@ -58,8 +58,8 @@ bool warp_patch(const GreyView& source, const Eigen::Vector2f& centre, const Eig
 
   // An affine grid lies inside the image when its corners do.
   const auto inside = [](int32_t start, int32_t di, int32_t dj, int size) {
-    const int32_t low = start + kLast * (std::min(di, 0) + std::min(dj, 0));
-    const int32_t high = start + kLast * (std::max(di, 0) + std::max(dj, 0));
+    const int32_t low = start + kLast * (std::min<int32_t>(di, 0) + std::min<int32_t>(dj, 0));
+    const int32_t high = start + kLast * (std::max<int32_t>(di, 0) + std::max<int32_t>(dj, 0));
     return low >= 0 && high <= (size - 1) * 65536;
   };
   if (!inside(x_start, dx_di, dx_dj, source.width) || !inside(y_start, dy_di, dy_dj, source.height)) return false;
@@ -99,7 +99,7 @@ bool search_patch(const GreyView& image, const PatchTemplate& patch, const Eigen
 
   PackedTemplate packed;
   kernel::pack_template(patch.px, &packed);
-  const int32_t initial = std::clamp(max_zmssd, -1, kMaxSquares) + 1;
+  const int32_t initial = std::clamp<int32_t>(max_zmssd, -1, kMaxSquares) + 1;
   int32_t best = initial;
   bool found = false;
   const auto outside = [radius_sq = radius * radius](float dx, float dy) { return dx * dx + dy * dy > radius_sq; };
@@ -199,8 +199,9 @@ bool refine_patch(const GreyView& image, const PatchTemplate& patch, const Eigen
       return false;
     const auto x = static_cast<int32_t>(corner.x() * kSubpixels + 0.5f);
     const auto y = static_cast<int32_t>(corner.y() * kSubpixels + 0.5f);
-    const int32_t x0 = std::min(x / kSubpixels, image.width - kSpan);  // in the last column the weight is kSubpixels
-    const int32_t y0 = std::min(y / kSubpixels, image.height - kSpan);
+    const int32_t x0 =
+        std::min<int32_t>(x / kSubpixels, image.width - kSpan);  // in the last column the weight is kSubpixels
+    const int32_t y0 = std::min<int32_t>(y / kSubpixels, image.height - kSpan);
     sample.image = image.row(y0) + x0;
     sample.x_weight = x - x0 * kSubpixels;
     sample.y_weight = y - y0 * kSubpixels;

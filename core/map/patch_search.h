@@ -65,7 +65,8 @@ struct KeptTemplate {
   uint32_t asked_for = 0;  // KeptTemplates
   PatchTemplate patch;
 
-  // Whether it shows the patch as A_t_s would, to an eighth of a pixel of `level` anywhere in the 8x8 (the streak, too).
+  // Whether it shows the patch as A_t_s would, to an eighth of a pixel of `level` anywhere in the 8x8 (the streak,
+  // too).
   bool shows(const Keyframe& source, const Vector2f& px, const Matrix2f& A_t_s, int level,
              const Vector2f& streak) const;
 };

@@ -2,6 +2,7 @@
 
 #include <cmath>
 
+#include <pocket_ptam/pocket_ptam_c.h>
 #include "platform/text.h"
 
 namespace pptam::platform {
@@ -57,27 +58,7 @@ const char* name_of(Hint hint) {
 }
 
 const char* sentence_for(Hint hint) {
-  switch (hint) {
-    case Hint::kNone:
-      return "";
-    case Hint::kTap:
-      return "tap to start";
-    case Hint::kHoldStill:
-      return "hold still";
-    case Hint::kMoveSideways:
-      return "move sideways";
-    case Hint::kOnlyRotating:
-      return "only turning: move sideways";
-    case Hint::kTooLittleTexture:
-      return "too little texture";
-    case Hint::kTooFast:
-      return "too fast";
-    case Hint::kStartLost:
-      return "first view lost: start again";
-    case Hint::kReturnToKnownView:
-      return "go back to a known view";
-  }
-  return "";
+  return pptam_hint_text(static_cast<int32_t>(hint));
 }
 
 const char* advice_for(Hint hint) {

@@ -22,7 +22,7 @@ source toolchains/debian_packages.sh
 install_packages "${program_packages[@]}" "${fuzz_packages[@]}"
 echo "== building"
 cmake --preset fuzz --log-level=WARNING
-targets=(kernels_fuzz map_file_fuzz)
+targets=(kernels_fuzz map_file_fuzz c_api_fuzz)
 cmake --build --preset fuzz --parallel "$(nproc)" --target "${targets[@]}"
 for target in "${targets[@]}"; do
   echo "== $target, $seconds s"

@@ -16,26 +16,16 @@
 namespace pptam {
 namespace {
 
+using test::desk_recording;
 using test::Phone;
 using test::Recording;
 using test::Trace;
-
-const Recording& recording() {
-  static const Recording made = [] {
-    sim::PhoneOptions options;
-    options.scene = "desk";
-    options.seed = 1;
-    options.duration_s = 7;
-    return test::record(options);
-  }();
-  return made;
-}
 
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
 TEST(Api, RefusedFramesChangeNothing) {
-  const Recording& frames = recording();
+  const Recording& frames = desk_recording();
   const auto run = [&](bool misuse) {
     Phone phone(test::config_for(frames));
     phone->tap();
@@ -83,7 +73,7 @@ TEST(Api, RefusedFramesChangeNothing) {
 }
 
 TEST(Api, AcceptedFormatsOfTheSameGreyGiveTheSameResult) {
-  const Recording& frames = recording();
+  const Recording& frames = desk_recording();
   const auto run = [&](PixelFormat format, int padding) {
     const int bytes = format == PixelFormat::kBgra ? 4 : format == PixelFormat::kRgb24 ? 3 : 1;
     Phone phone(test::config_for(frames));
@@ -111,7 +101,7 @@ TEST(Api, AcceptedFormatsOfTheSameGreyGiveTheSameResult) {
 }
 
 TEST(Api, AbsurdConfigurationsAreRefused) {
-  const Config good = test::config_for(recording());
+  const Config good = test::config_for(desk_recording());
   ASSERT_TRUE(good.validate().ok());
   const std::vector<std::function<void(Config&)>> changes = {
       [](Config& c) { c.camera.model.width = 0; },
@@ -194,7 +184,7 @@ TEST(Api, AbsurdConfigurationsAreRefused) {
 }
 
 TEST(Api, MemoryMustBeEnoughAndAligned) {
-  const Config config = test::config_for(recording());
+  const Config config = test::config_for(desk_recording());
   const size_t bytes = System::required_bytes(config);
   std::vector<std::max_align_t> memory(bytes / sizeof(std::max_align_t) + 3);
   const std::span<std::byte> all = std::as_writable_bytes(std::span(memory));
@@ -214,7 +204,7 @@ TEST(Api, MemoryMustBeEnoughAndAligned) {
 }
 
 TEST(Api, OutputsNeverPassTheirSpan) {
-  const Recording& frames = recording();
+  const Recording& frames = desk_recording();
   Phone phone(test::config_for(frames));
   phone->tap();
   for (int i = 0; i < frames.size(); ++i) {
@@ -267,7 +257,7 @@ void expect_promises(const TrackResult& result, const Config& config) {
 }
 
 TEST(Api, RandomUseKeepsEveryPromise) {
-  const Recording& frames = recording();
+  const Recording& frames = desk_recording();
   test::Random random;
   Config config = test::config_for(frames);
   config.max_keyframes = 6;  // small pools, so that they fill
@@ -344,14 +334,14 @@ TEST(Api, RandomUseKeepsEveryPromise) {
 TEST(Api, ProfilesThatGiveNoTimeAreRefused) {
   for (const float bad :
        {std::numeric_limits<float>::quiet_NaN(), std::numeric_limits<float>::infinity(), -1.0f, 1e30f}) {
-    Config config = test::config_for(recording());
+    Config config = test::config_for(desk_recording());
     config.profile.instructions[0] = bad;
     EXPECT_FALSE(config.validate().ok()) << "instructions " << bad;
-    config = test::config_for(recording());
+    config = test::config_for(desk_recording());
     config.profile.clock_mhz = bad;
     EXPECT_FALSE(config.validate().ok()) << "clock " << bad;
   }
-  Config config = test::config_for(recording());
+  Config config = test::config_for(desk_recording());
   config.max_new_partial_points = 1000000;
   EXPECT_FALSE(config.validate().ok()) << "the message says 0 to 1000";
 }

@@ -5,10 +5,10 @@
 #
 # base <- {image, geometry, scheduler} <- camera <- map <- {tracking, mapping} <- system; camera <- edges. Public
 # headers, pocket_ptam/, need nothing of all that; what they declare is made of it. Everybody in core sees their values
-# (status, images, poses, cameras, Config, ...), system alone the System. platform and sim_phone see them all and nothing
-# else of core. platform (cameras, files) <- platform/run <- platform/calibrate <- sim_phone/laboratory <- platform/app,
-# the program; the phone itself, sim_phone, sees of platform what a camera is made of. A file may always include its own
-# folder. The core's headers are named without "core/".
+# (status, images, poses, cameras, Config, ...), system and the C interface alone the System. platform and sim_phone see
+# them all and nothing else of core. platform (cameras, files) <- platform/run <- platform/calibrate <-
+# sim_phone/laboratory <- platform/app, the program; the phone itself, sim_phone, sees of platform what a camera is made
+# of. A file may always include its own folder. The core's headers are named without "core/".
 #
 # In circles a header and its source count as one, and so do a kernel's variants for several processors: what a file
 # needs is what its source includes.
@@ -19,6 +19,7 @@ set(VALUES "status|image|se3|camera_model|camera|clock|work_meter|config|track_r
 set(VALUES "pocket_ptam/(${VALUES})\\.h")
 
 set(ALLOWED_core/pocket_ptam "pocket_ptam/")
+set(ALLOWED_core/c_interface "${API}|c_interface/")
 set(ALLOWED_core/base "${VALUES}|base/")
 set(ALLOWED_core/image "${VALUES}|base/|image/")
 set(ALLOWED_core/geometry "${VALUES}|base/|geometry/")
@@ -38,8 +39,9 @@ set(ALLOWED_platform "${BELOW_RUN}")
 set(ALLOWED_sim_phone/laboratory "${API}|platform/[^/]*$|platform/run/|platform/calibrate/|platform/model/|sim_phone/")
 set(ALLOWED_sim_phone "${API}|platform/(camera|trajectory|input_error|text)\\.h|platform/camera/image_files\\.h")
 set(ALLOWED_sim_phone "${ALLOWED_sim_phone}|sim_phone/[^/]*$")
-set(FOLDERS core/pocket_ptam core/base core/image core/geometry core/scheduler core/camera core/edges core/map
-    core/tracking core/mapping core platform/app platform/calibrate platform/run platform sim_phone/laboratory sim_phone)
+set(FOLDERS core/pocket_ptam core/c_interface core/base core/image core/geometry core/scheduler core/camera core/edges
+    core/map core/tracking core/mapping core platform/app platform/calibrate platform/run platform
+    sim_phone/laboratory sim_phone)
 
 # The name that a file counts under in circles.
 function(unit_of file result)

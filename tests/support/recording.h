@@ -57,6 +57,18 @@ inline Recording record(const sim::PhoneOptions& options, std::shared_ptr<const 
   return recording;
 }
 
+// Seven seconds before a desk, for all tests of a program.
+inline const Recording& desk_recording() {
+  static const Recording made = [] {
+    sim::PhoneOptions options;
+    options.scene = "desk";
+    options.seed = 1;
+    options.duration_s = 7;
+    return record(options);
+  }();
+  return made;
+}
+
 class Replay final : public platform::Camera {
  public:
   explicit Replay(const Recording& recording) : recording_(recording) {}
