@@ -123,6 +123,7 @@ pptam_track_result result_to_c(const TrackResult& r) {
   c.partial_found = r.partial_found;
   c.map = r.map;
   c.maps = r.maps;
+  c.world_changes = r.world_changes;
   c.keyframes = r.keyframes;
   c.erased_keyframes = r.erased_keyframes;
   c.map_points = r.map_points;
@@ -159,6 +160,15 @@ pptam_measurement entry_to_c(const MeasurementInfo& measurement) {
   numbers_to(measurement.px, c.px);
   numbers_to(measurement.global_px, c.global_px);
   c.sigma = measurement.sigma;
+  return c;
+}
+
+pptam_plane entry_to_c(const PlaneInfo& plane) {
+  pptam_plane c;
+  numbers_to(plane.normal_w, c.normal_w);
+  numbers_to(plane.middle_w, c.middle_w);
+  c.threshold = plane.threshold;
+  c.points = plane.points;
   return c;
 }
 
@@ -363,6 +373,15 @@ pptam_status pptam_set_length(pptam_system* system, uint32_t point_a, uint32_t p
   return to_c(system->system->set_length(point_a, point_b, length));
 }
 
+pptam_status pptam_set_ground(pptam_system* system, const float px[2], pptam_pose* change) {
+  if (!system) return refused(kNoSystem);
+  if (!px) return refused(kNullPointer);
+  pptam::Similarity S;
+  const pptam_status status = to_c(system->system->set_ground(pptam::Vector2f(px[0], px[1]), &S));
+  if (change && status.code == PPTAM_OK) *change = to_c(S.T);
+  return status;
+}
+
 pptam_status pptam_project(const pptam_system* system, const pptam_pose* T_cw, const float velocity[6],
                            const float p_w[3], float px[2], bool* visible) {
   if (!system) return refused(kNoSystem);
@@ -409,6 +428,12 @@ pptam_status pptam_measurements(const pptam_system* system, int32_t map, pptam_m
   return pptam::c::copy_out<pptam::MeasurementInfo>(out, capacity, count, [&](std::span<pptam::MeasurementInfo> infos) {
     return system->system->measurements(infos, map);
   });
+}
+
+pptam_status pptam_planes(const pptam_system* system, int32_t map, pptam_plane* out, size_t capacity, int32_t* count) {
+  if (!system) return refused(kNoSystem);
+  return pptam::c::copy_out<pptam::PlaneInfo>(
+      out, capacity, count, [&](std::span<pptam::PlaneInfo> infos) { return system->system->planes(infos, map); });
 }
 
 pptam_status pptam_keyframe_image(const pptam_system* system, uint32_t keyframe_id, pptam_image* image) {

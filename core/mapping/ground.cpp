@@ -243,7 +243,7 @@ int Ground::planes(const MapAccess::Part& part, std::span<PlaneInfo> out) {
   const float threshold = kPlaneThreshold * view.mean_depth;
   const float least = std::max(kMinListedShare * static_cast<float>(points_.size()), 1.0f * kMinListedPoints);
   int count = 0;
-  for (; count < static_cast<int>(out.size()); ++count) {
+  for (; count < kMostPlanes; ++count) {
     PlaneSampler sampler(points_, view.mean_depth);
     Plane plane;
     float most = 0;
@@ -269,8 +269,10 @@ int Ground::planes(const MapAccess::Part& part, std::span<PlaneInfo> out) {
     }
     if (static_cast<float>(members) < least) break;
     const SE3 T_wk = view.T_kw.inverse();
-    out[static_cast<size_t>(count)] = {T_wk.R * -plane.normal, T_wk * (sum / static_cast<float>(members)), threshold,
-                                       members};
+    if (static_cast<size_t>(count) < out.size()) {
+      out[static_cast<size_t>(count)] = {T_wk.R * -plane.normal, T_wk * (sum / static_cast<float>(members)), threshold,
+                                         members};
+    }
     points_.resize(static_cast<int>(std::remove_if(points_.begin(), points_.end(), on) - points_.begin()));
   }
   return count;

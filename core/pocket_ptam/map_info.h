@@ -29,6 +29,8 @@ struct MeasurementInfo {
   float sigma = 1;                        // expected standard deviation of a coordinate, level-0 pixels
 };
 
+// The most planes that System::planes() lists.
+constexpr int kMostPlanes = 4;
 // A plane of a map, a ground that could be chosen.
 struct PlaneInfo {
   Vector3f normal_w = Vector3f::UnitZ();  // unit, towards the map's first camera

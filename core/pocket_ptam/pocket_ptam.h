@@ -72,9 +72,9 @@ class System {
   // dozen points round it lie on one plane, or the ray meets that at under 3 degrees. At once: 4 to 7 million ARMv6
   // instructions.
   Status set_ground(const Vector2f& px, Similarity* change = nullptr);
-  // The planes that hold most of a finished map's points, at least 12 and 8 % of them each, at most out.size(), the
-  // largest first: what may be the ground. Returns how many there are. map: as in keyframes(). Up to 10 million
-  // instructions each for a full map of the phone.
+  // The planes that hold most of a finished map's points, at least 12 and 8 % of them each, the largest first: what may
+  // be the ground. Copies up to out.size() and returns how many there are, at most kMostPlanes. map: as in keyframes().
+  // Up to 10 million instructions for each in a full map of the phone.
   int planes(std::span<PlaneInfo> out, int map = 0) const;
 
   // Saving the finished maps, between two slices, in a versioned and checksummed format that is the same on every

@@ -266,6 +266,7 @@ typedef struct pptam_track_result {
   float reprojection_px;  // rms error of an inlier's coordinate
   int32_t partial_attempted, partial_found;
   int32_t map;                          // of the pose: 1, 2, ... in the order of their finish; 0: none is finished
+  int32_t world_changes;                // by pptam_set_length() and pptam_set_ground(): place anew what was placed
   int32_t maps;                         // kept, that in use included
   int32_t keyframes, erased_keyframes;  // of the map
   int32_t map_points;
@@ -312,6 +313,9 @@ PPTAM_API pptam_status pptam_set_locked(pptam_system* system, bool locked);
 PPTAM_API bool pptam_locked(const pptam_system* system);
 // Scales the world so that two map points are length apart: see System::set_length().
 PPTAM_API pptam_status pptam_set_length(pptam_system* system, uint32_t point_a, uint32_t point_b, float length);
+// The plane at pixel px of the last frame becomes z = 0, px the origin: see System::set_ground(). change: takes old
+// coordinates to new ones; may be null.
+PPTAM_API pptam_status pptam_set_ground(pptam_system* system, const float px[2], pptam_pose* change);
 
 // Pixel of a world point at the exposure time of its own line: for drawing. *visible: whether it is before the lens and
 // not too far outside the image; px is set only then.
@@ -353,6 +357,16 @@ PPTAM_API pptam_status pptam_map_points(const pptam_system* system, int32_t map,
                                         int32_t* count);
 PPTAM_API pptam_status pptam_measurements(const pptam_system* system, int32_t map, pptam_measurement* out,
                                           size_t capacity, int32_t* count);
+
+// A plane of the map, a ground that could be chosen; the largest first, four at most: see System::planes().
+typedef struct pptam_plane {
+  float normal_w[3];  // unit, towards the map's first camera
+  float middle_w[3];  // mean of its points
+  float threshold;    // distance up to which a point lies on it, world units
+  int32_t points;
+} pptam_plane;
+PPTAM_API pptam_status pptam_planes(const pptam_system* system, int32_t map, pptam_plane* out, size_t capacity,
+                                    int32_t* count);
 
 typedef struct pptam_image {
   const uint8_t* data;    // grey

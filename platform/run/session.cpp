@@ -23,7 +23,6 @@ Config config_for(const CameraInfo& info) {
   return config;
 }
 
-constexpr size_t kMostPlanes = 4;
 constexpr size_t kMaxMapFile = size_t{1} << 30;
 
 std::unique_ptr<Clock> make_clock(const RunOptions& options, const System& system) {

@@ -50,6 +50,7 @@ std::vector<unsigned char> bytes_of(const pptam_track_result& r) {
                                int64_t{r.partial_found},
                                int64_t{r.map},
                                int64_t{r.maps},
+                               int64_t{r.world_changes},
                                int64_t{r.keyframes},
                                int64_t{r.erased_keyframes},
                                int64_t{r.map_points},
@@ -74,7 +75,8 @@ std::vector<unsigned char> bytes_of(const TrackResult& r) {
   c.keyframe_added = r.keyframe_added, c.repeated = r.repeated;
   c.points_attempted = r.points_attempted, c.points_found = r.points_found, c.points_inliers = r.points_inliers;
   c.partial_attempted = r.partial_attempted, c.partial_found = r.partial_found;
-  c.map = r.map, c.maps = r.maps, c.keyframes = r.keyframes, c.erased_keyframes = r.erased_keyframes;
+  c.map = r.map, c.maps = r.maps, c.world_changes = r.world_changes, c.keyframes = r.keyframes,
+  c.erased_keyframes = r.erased_keyframes;
   c.map_points = r.map_points;
   c.observed_points = static_cast<int>(r.points.size());
   c.progress = r.progress;

@@ -130,6 +130,8 @@ TEST(CHostile, NullHandlesAreRefusedByAll) {
       {"reset", pptam_reset(nullptr)},
       {"set_locked", pptam_set_locked(nullptr, true)},
       {"set_length", pptam_set_length(nullptr, 1, 2, 1)},
+      {"set_ground", pptam_set_ground(nullptr, numbers, nullptr)},
+      {"planes", pptam_planes(nullptr, 0, nullptr, 0, &count)},
       {"project", pptam_project(nullptr, &pose, numbers, numbers, numbers, &visible)},
       {"unproject", pptam_unproject(nullptr, numbers, numbers)},
       {"keyframes", pptam_keyframes(nullptr, 0, nullptr, 0, &count)},
@@ -218,6 +220,17 @@ std::vector<Hostile> hostile_calls() {
   using Frame = const pptam_frame&;
   const int32_t refused = PPTAM_INVALID_ARGUMENT;
   return {
+      {"ground null", refused, [](pptam_system* s, Frame) { return pptam_set_ground(s, nullptr, nullptr); }},
+      {"ground NaN", refused,
+       [](pptam_system* s, Frame) {
+         const float px[2] = {kNotANumber, 1};
+         return pptam_set_ground(s, px, nullptr);
+       }},
+      {"ground outside", refused,
+       [](pptam_system* s, Frame) {
+         const float px[2] = {-1, 1e30f};
+         return pptam_set_ground(s, px, nullptr);
+       }},
       {"length NaN", refused, [](pptam_system* s, Frame) { return pptam_set_length(s, 1, 2, kNotANumber); }},
       {"length between a point and itself", refused,
        [](pptam_system* s, Frame) { return pptam_set_length(s, 1, 1, 1); }},
