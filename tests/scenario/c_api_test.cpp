@@ -213,6 +213,29 @@ void expect_same_file(System& system, pptam_system* c) {
   EXPECT_EQ(pptam_map_hash(other), pptam_map_hash(c));
 }
 
+// Changes the world of both.
+void expect_same_ground(System& system, pptam_system* c) {
+  std::vector<PlaneInfo> planes(kMostPlanes);
+  planes.resize(static_cast<size_t>(system.planes(planes)));
+  pptam_plane c_planes[kMostPlanes];
+  int32_t count = 0;
+  ASSERT_EQ(pptam_planes(c, 0, c_planes, kMostPlanes, &count).code, PPTAM_OK);
+  ASSERT_EQ(count, static_cast<int>(planes.size()));
+  ASSERT_GE(count, 1);
+  EXPECT_EQ(vector_of(c_planes[0].normal_w), planes[0].normal_w);
+  EXPECT_EQ(vector_of(c_planes[0].middle_w), planes[0].middle_w);
+  EXPECT_EQ(c_planes[0].threshold, planes[0].threshold);
+  EXPECT_EQ(c_planes[0].points, planes[0].points);
+  const float px[2] = {120, 160};
+  pptam_pose c_change = {};
+  Similarity change;
+  ASSERT_TRUE(system.set_ground(Vector2f(px[0], px[1]), &change).ok());
+  ASSERT_EQ(pptam_set_ground(c, px, &c_change).code, PPTAM_OK);
+  EXPECT_EQ(vector_of(c_change.t), change.T.t);
+  EXPECT_EQ(c_change.R[1], change.T.R(0, 1));
+  EXPECT_EQ(pptam_map_hash(c), map_hash(system));
+}
+
 TEST(CApi, GivesTheBitsOfTheCppInterface) {
   const Recording& frames = desk_recording();
   Phone phone(test::config_for(frames));
@@ -262,6 +285,7 @@ TEST(CApi, GivesTheBitsOfTheCppInterface) {
   for (int i = 0; i < PPTAM_WORK_COUNT; ++i) EXPECT_EQ(pptam_work_units(c, i), meter.units(static_cast<Work>(i)));
   expect_same_drawing(*phone, c, result);
   expect_same_file(*phone, c);
+  expect_same_ground(*phone, c);
 }
 
 TEST(CApi, ConfigurationsArriveWhole) {

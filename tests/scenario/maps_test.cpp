@@ -11,6 +11,7 @@
 #include "platform/files.h"
 #include "platform/run/evaluation.h"
 #include "platform/run/run.h"
+#include "sim_phone/laboratory/reach_study.h"
 #include "tests/support/recording.h"
 #include "tests/support/sample.h"
 #include "tests/support/scratch_folder.h"
@@ -169,6 +170,24 @@ TEST(Maps, GiveWayWhenThereAreTooMany) {
   ASSERT_TRUE(System::map_info(log.saved_map, &info).ok());
   EXPECT_LT(info.maps, static_cast<int>(log.maps().size())) << "none has given way";
   EXPECT_LE(info.keyframes + info.erased_keyframes, 6 + 20 + 1) << "more images than there are";
+}
+
+// From a map of one place: views turned and nearer, in four directions each. The study (sim --study reach) has 24 of 24
+// at each of these; turned by half a circle nothing may be found.
+TEST(Relocalisation, ReachesTurnedAndNearerViews) {
+  sim::PhoneOptions phone;
+  phone.scene = "desk";
+  for (const uint64_t seed : {1u, 2u}) {
+    phone.seed = seed;
+    const std::vector<laboratory::ReachCount> counts =
+        laboratory::measure_reach(phone, {}, {{0, 0}, {10, 0}, {0, 0.3}, {180, 0}}, 4);
+    ASSERT_EQ(counts.size(), 4u) << "no map";
+    for (const laboratory::ReachCount& count : counts) {
+      EXPECT_EQ(count.wrong, 0) << count.at.turned_degrees << " degrees, " << count.at.nearer << " nearer";
+      EXPECT_EQ(count.found, count.at.turned_degrees < 90 ? count.attempts : 0)
+          << count.at.turned_degrees << " degrees, " << count.at.nearer << " nearer, seed " << seed;
+    }
+  }
 }
 
 }  // namespace
