@@ -72,9 +72,10 @@ struct MapMatching::Rows final : PoseRows {
   std::span<const PartialAttempt> partials_;
 };
 
-MapMatching::MapMatching(Arena& arena, const Config& config, Map& map, WorkMeter& meter)
+MapMatching::MapMatching(Arena& arena, const Config& config, Map& map, WorkMeter& meter, StageTimer& stages)
     : config_(config),
       map_(map),
+      stages_(stages),
       selection_(arena, config, meter),
       attempts_(arena, config.max_measured_points),
       finder_(map, config, meter),
@@ -82,6 +83,7 @@ MapMatching::MapMatching(Arena& arena, const Config& config, Map& map, WorkMeter
             meter) {}
 
 MapMatch MapMatching::match(const Pyramid& pyramid, const MotionModel& motion, Search search, const SE3& T_first) {
+  stages_.enter(Stage::kSearch);
   SE3 T_start = T_first;
   VelocityPrior prior = motion.prior(T_start);
   SearchOptions options;
@@ -94,6 +96,7 @@ MapMatch MapMatching::match(const Pyramid& pyramid, const MotionModel& motion, S
     if (coarse.quality != TrackingQuality::kBad) {
       T_start = coarse.pose.T_cw;
       prior = motion.prior(T_start);
+      stages_.enter(Stage::kSearch);
       selected_ = selection_.select(map_, T_start);
     }
   }
@@ -128,6 +131,7 @@ MapMatch MapMatching::join(std::span<const PartialAttempt> partials, const Motio
 }
 
 MapMatch MapMatching::solve(const SE3& T_start, const VelocityPrior& prior, std::span<const PartialAttempt> partials) {
+  stages_.enter(Stage::kPose);
   MapMatch match;
   match.visible = selection_.visible();
   for (const Attempt& attempt : attempts_) {
@@ -152,6 +156,7 @@ MapMatch MapMatching::solve(const SE3& T_start, const VelocityPrior& prior, std:
 
 void MapMatching::search(const Pyramid& pyramid, const SE3& T_start, const VelocityPrior& prior,
                          const SearchOptions& options) {
+  stages_.enter(Stage::kSearch);
   attempts_.clear();
   for (const int index : selected_) {
     const MapPoint& point = map_.points()[index];
