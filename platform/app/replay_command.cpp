@@ -108,6 +108,7 @@ Command add_replay(CLI::App& program, const std::string& command_line) {
   replay->add_flag("--images-only", chosen->images_only,
                    "Of a recording made by live take the images alone; else all is repeated, bit for bit");
   add_run_options(replay, &chosen->run, &chosen->output);
+  add_phone_option(replay, &chosen->run, nullptr);
   add_show_options(replay, &chosen->output.show);
   replay->footer(
       "Examples:\n"

@@ -108,7 +108,9 @@ RunLog run_sequence(Camera& camera, const RunOptions& options, const StartObserv
   const Session session = make_session(log.camera, options);
   System* const system = session.system;
   Clock* const clock = session.clock.get();
+  RunTracer* const tracer = session.tracer.get();
   log.memory_bytes = session.bytes;
+  log.memory_parts = session.parts;
 
   LookAhead source(camera, &log.broken);
   if (!source.advance()) throw InputError(log.camera.name + ": holds no images");
@@ -123,6 +125,14 @@ RunLog run_sequence(Camera& camera, const RunOptions& options, const StartObserv
     clock->forget_since(since_ns);  // reading the source and drawing
     return more;
   };
+  // Of the phone's time; returns how long.
+  const auto spend = [&](TraceWhat what, int64_t ns, int index) {
+    if (ns <= 0) return int64_t{0};
+    const int64_t from_ns = clock->now_ns();
+    clock->idle_until(saturated_sum(from_ns, ns));
+    tracer->add(what, from_ns, clock->now_ns(), index);
+    return saturated_difference(clock->now_ns(), from_ns);
+  };
   int64_t end_ns = clock->now_ns();
   do {
     const int index = log.source_frames++;
@@ -132,24 +142,30 @@ RunLog run_sequence(Camera& camera, const RunOptions& options, const StartObserv
     if (options.drop_late && next_ns && clock->now_ns() >= saturated_sum(origin_ns, *next_ns)) {
       ++log.dropped;
       end_ns = clock->now_ns();
+      tracer->add(TraceWhat::kDropped, end_ns, end_ns, index);
       continue;
     }
-    const int64_t idle_from_ns = clock->now_ns();
     if (options.clock == ClockKind::kSteady) {  // nobody shall wait for hours
-      const int64_t too_long_ns = saturated_difference(saturated_difference(arrival_ns, idle_from_ns), max_wait_ns);
+      const int64_t now_ns = clock->now_ns();
+      const int64_t too_long_ns = saturated_difference(saturated_difference(arrival_ns, now_ns), max_wait_ns);
       if (too_long_ns > 0) {
         passed_over_ns = saturated_sum(passed_over_ns, too_long_ns);
         origin_ns = saturated_difference(origin_ns, too_long_ns);
-        arrival_ns = saturated_sum(idle_from_ns, max_wait_ns);
+        arrival_ns = saturated_sum(now_ns, max_wait_ns);
       }
     }
-    int slices = 0;
-    for (; clock->now_ns() < arrival_ns && system->has_work(); ++slices) system->work_slice();
-    const int64_t idle_to_ns = clock->now_ns();
+    // A slice for each frame that comes late, as live: where tracking alone takes all the time there would be no map.
+    if (clock->now_ns() > arrival_ns && system->has_work()) system->work_slice();
+    while (clock->now_ns() < arrival_ns && system->has_work()) system->work_slice();
+    const bool work_left = system->has_work();
+    const int64_t idle_from_ns = clock->now_ns();
     clock->idle_until(arrival_ns);
+    if (idle_from_ns < arrival_ns) tracer->add_idle(idle_from_ns);
+    const int64_t capture_ns = spend(TraceWhat::kCapture, options.capture_ns, index);
 
     if (taps.due(1e-9 * static_cast<double>(saturated_difference(frame.timestamp_ns, first_timestamp_ns)), log))
       system->tap();
+    tracer->number(index);
     const int64_t start_ns = clock->now_ns();
     const int64_t start_instructions = system->work_meter().instructions();
     const TrackResult result = system->track(frame);
@@ -162,8 +178,11 @@ RunLog run_sequence(Camera& camera, const RunOptions& options, const StartObserv
     entry.index = index;
     entry.track_ns = end_ns - start_ns;
     entry.late_ns = saturated_difference(end_ns, arrival_ns);
-    entry.mapping_ns = idle_to_ns - idle_from_ns;
-    entry.idle_slices = slices;
+    tracer->take(&entry);
+    entry.work_left = work_left;
+    entry.capture_ns = capture_ns;
+    entry.display_ns = spend(TraceWhat::kDisplay, options.display_ns, index);
+    end_ns = clock->now_ns();
     entry.instructions = system->work_meter().instructions() - start_instructions;
     if (options.hash_every > 0 && index % options.hash_every == 0) entry.map_hash = map_hash(*system);
     log.frames.push_back(entry);
@@ -180,6 +199,7 @@ RunLog run_sequence(Camera& camera, const RunOptions& options, const StartObserv
                                                     options.max_wait_s, 1e-9 * static_cast<double>(passed_over_ns)));
   }
   take_map(*system, options, &log);
+  log.trace = tracer->events();
   return log;
 }
 
