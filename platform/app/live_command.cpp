@@ -411,6 +411,7 @@ Command add_live(CLI::App& program, const std::string& command_line) {
       "  pocket-ptam live --camera libcamera:0 --calibration cam.yaml --poses json --udp 5005\n"
       "  pocket-ptam live --fov 60 --record desk --duration 30       and then: pocket-ptam replay desk\n"
       "  pocket-ptam live --fov 60 --show --poses none               the house on a display\n"
+      "  pocket-ptam live --fov 60 --duration 30 --trace t.json      what took how long, for ui.perfetto.dev\n"
       "  pocket-ptam live --camera sim:desk --duration 10            without any camera");
   return {live, [chosen, command_line] {
             chosen->live.run.auto_start = !chosen->no_auto_start && chosen->live.run.load_map.empty();

@@ -78,7 +78,7 @@ void add_phone_option(CLI::App* command, RunOptions* run, std::optional<laborato
           [run, phone](const std::string& name) {
             const laboratory::Phone loaded = laboratory::load_phone(name);
             laboratory::use_processor(loaded, run);
-            if (phone != nullptr) *phone = loaded;
+            *phone = loaded;
           },
           phone_option_says())
       ->type_name("NAME|FILE")
@@ -93,7 +93,8 @@ void add_trace_option(CLI::App* command, RunOptions* run, OutputOptions* output)
             output->trace = file;
             run->keep_trace = true;
           },
-          "Write what was done when, for ui.perfetto.dev or chrome://tracing; only an earlier trace is replaced")
+          "Write what was done when, for ui.perfetto.dev or chrome://tracing; 32 bytes of memory a span until the "
+          "end. Only an earlier trace is replaced")
       ->type_name("FILE");
 }
 

@@ -27,7 +27,7 @@ struct OutputOptions {
 void add_run_options(CLI::App* command, platform::RunOptions* run, OutputOptions* output);
 // --trace.
 void add_trace_option(CLI::App* command, platform::RunOptions* run, OutputOptions* output);
-// --phone: its processor into run, and the whole phone into *phone if that is not null.
+// --phone: its processor into run too.
 void add_phone_option(CLI::App* command, platform::RunOptions* run, std::optional<laboratory::Phone>* phone);
 std::string phone_option_says();
 // --show and what belongs to it.

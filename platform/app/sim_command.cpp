@@ -208,6 +208,8 @@ class SimCommand {
     if ((many_runs || !chosen_.dump.empty()) && output_.show.where != DisplayChoice::kNowhere)
       throw InputError("--show belongs to a single run");
     if ((many_runs || !chosen_.dump.empty()) && run_.keep_trace) throw InputError("--trace belongs to a single run");
+    if (chosen_.profile && (!studies_.study.empty() || studies_.endurance_minutes))
+      throw InputError("--phone belongs to a single run, to --suite or to pocket-ptam budget");
     if (studies_.study == "model") return run_model_study();
     if (studies_.suite) return run_suite();
     const bool many_scenes = studies_.study == "culling" || studies_.study == "harsh" ||

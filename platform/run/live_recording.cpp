@@ -526,7 +526,6 @@ RunLog repeat_live_recording(const LiveScript& script, const RunOptions& options
   settings.clock = options.clock;
   settings.slowdown = options.slowdown;
   settings.save_map = options.save_map;
-  settings.processor = options.processor;
   settings.keep_trace = options.keep_trace;
   RunLog log;
   log.camera = script.camera;

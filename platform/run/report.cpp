@@ -181,10 +181,12 @@ std::string plot_idle_time(const RunLog& log) {
     append_stacked(&data, t_s, values);
     if (frame.idle_slices > 0) slices += format("%.4f %.4f\n", t_s, 1e-6 * static_cast<double>(frame.longest_slice_ns));
   }
+  const double end_s = log.seconds(log.frames.back().timestamp_ns);  // both halves are as wide
   std::string script = "$idle << EOD\n" + data + "EOD\n$slices << EOD\n" + slices +
                        "EOD\nset multiplot layout 2,1\nset lmargin 9\nset rmargin 20\nset key outside right top\n"
-                       "set xrange [0:*]\nset yrange [0:*]\nset ylabel 'before a frame, ms'\n" +
-                       plot_stacked("$idle", layers) + "\nset xlabel 'time, s'\nset ylabel 'longest slice, ms'\n";
+                       "set yrange [0:*]\nset ylabel 'before a frame, ms'\n" +
+                       format("set xrange [0:%g]\n", std::max(end_s, 0.1)) + plot_stacked("$idle", layers) +
+                       "\nset xlabel 'time, s'\nset ylabel 'longest slice, ms'\n";
   script += slices.empty() ? "plot [0:1] [0:1] NaN notitle\n"
                            : "plot $slices using 1:2 with points pt 7 ps 0.3 lc rgb '#4f81bd' title 'slice'\n";
   return plot_svg(1120, 560, script + "unset multiplot\n");

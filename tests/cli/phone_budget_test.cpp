@@ -261,7 +261,8 @@ TEST_F(PhoneBudget, BadInputIsToldBeforeAnythingIsDone) {
            {"sim --phone iphone3g --clock steady", "--clock"},
            {"sim --trace notes.csv --duration 1", "notes.csv"},
            {"sim --trace out/t.csv --out out/t.csv", "--trace"},
-           {"sim --suite --trace t.json", "--trace belongs to a single run"}}) {
+           {"sim --suite --trace t.json", "--trace belongs to a single run"},
+           {"sim --study harsh --phone pi_zero", "--phone belongs to a single run"}}) {
     const Answer answer = run(arguments);
     EXPECT_EQ(answer.code, 2) << arguments << "\n" << answer.out;
     EXPECT_TRUE(holds(answer.err, reason)) << arguments << ": " << answer.err;
@@ -359,6 +360,25 @@ TEST_F(PhoneBudget, TracesAreWellFormedAndTheSameTwice) {
   std::sort(all.begin(), all.end(), [](const SpanSeen& a, const SpanSeen& b) { return a.begin_us < b.begin_us; });
   for (size_t i = 1; i < all.size(); ++i)
     EXPECT_GE(all[i].begin_us, all[i - 1].end_us - kRounding_us) << all[i].name << " after " << all[i - 1].name;
+}
+
+TEST_F(PhoneBudget, ALiveRunIsTracedToo) {
+  const Answer answer = run("live --camera sim:desk --duration 1 --poses none --trace t.json </dev/null");
+  ASSERT_EQ(answer.code, 0) << answer.err;
+  const YAML::Node trace = YAML::Load(read("t.json"));
+  EXPECT_EQ(trace["otherData"]["clock"].as<std::string>(), "steady");
+  int frames = 0;
+  double idle_us = 0;
+  for (const YAML::Node& event : trace["traceEvents"]) {
+    if (event["name"].as<std::string>() == "frame") ++frames;
+    if (event["name"].as<std::string>() == "idle") idle_us += event["dur"].as<double>();
+  }
+  EXPECT_GE(frames, 2);
+  EXPECT_GT(idle_us, 0);
+  EXPECT_LT(idle_us, 60e6);
+  write("t.json", read("t.json") + " ");
+  EXPECT_EQ(run("live --camera sim:desk --duration 1 --poses none --trace t.json </dev/null").code, 2)
+      << "somebody has changed it: it is not replaced";
 }
 
 }  // namespace

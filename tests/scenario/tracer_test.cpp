@@ -22,7 +22,8 @@ class Listener final : public Tracer {
       EXPECT_TRUE(open_.empty());
     } else {
       EXPECT_EQ(open_.size(), 1u) << static_cast<int>(span);
-      if (!open_.empty()) EXPECT_EQ(open_.back(), span < Span::kSlice ? Span::kFrame : Span::kSlice);
+      const Span round = span < Span::kSlice ? Span::kFrame : Span::kSlice;
+      EXPECT_TRUE(!open_.empty() && open_.back() == round) << static_cast<int>(span);
     }
     open_.push_back(span);
     ++begun_[static_cast<size_t>(span)];
@@ -58,21 +59,21 @@ const Recording& recording() {
   return made;
 }
 
-struct Run {
+struct Course {
   Trace trace;
   TrackResult last;
   int frames = 0, slices = 0, keyframes = 0;
 };
 
 // stage_ns of each frame and the whole frame's time are added to *stages and *whole, if these are not null.
-Run run(Tracer* tracer, std::vector<std::array<int64_t, kStages>>* stages = nullptr,
-        std::vector<int64_t>* whole = nullptr) {
+Course run(Tracer* tracer, std::vector<std::array<int64_t, kStages>>* stages = nullptr,
+           std::vector<int64_t>* whole = nullptr) {
   Phone phone(test::config_for(recording()));
   const WorkClock clock(phone->work_meter());
   if (stages != nullptr) phone->set_clock(&clock);
   phone->set_tracer(tracer);
   phone->tap();
-  Run done;
+  Course done;
   for (int i = 0; i < recording().size(); ++i) {
     const int64_t from_ns = clock.now_ns();
     done.last = phone->track(recording().frame(i));
@@ -95,10 +96,10 @@ Run run(Tracer* tracer, std::vector<std::array<int64_t, kStages>>* stages = null
 }
 
 TEST(Tracer, HearsEveryFrameAndSliceAndChangesNothing) {
-  const Run alone = run(nullptr);
+  const Course alone = run(nullptr);
   ASSERT_TRUE(alone.last.pose_valid) << "the run must have a map, or little is heard";
   Listener listener;
-  const Run heard = run(&listener);
+  const Course heard = run(&listener);
   EXPECT_TRUE(heard.trace == alone.trace);
   EXPECT_TRUE(listener.all_ended());
   EXPECT_EQ(listener.begun(Span::kFrame), heard.frames) << "and none for the refused one";
