@@ -35,8 +35,12 @@ int run_budget(BudgetChoice* chosen) {
     if (name == chosen->phone) chosen->phone.clear();
   inputs.add("the phone's profile", chosen->phone);
   inputs.add("the baseline of --compare", chosen->compare);
-  std::string before;
-  if (!chosen->compare.empty()) before = read_text(chosen->compare, laboratory::kMaxBaselineBytes);
+  laboratory::check_budget(budget);
+  laboratory::Baseline before;
+  if (!chosen->compare.empty()) {
+    const std::string text = read_text(chosen->compare, laboratory::kMaxBaselineBytes);
+    before = laboratory::read_baseline(text, chosen->compare, budget);
+  }
   if (!chosen->save.empty()) check_output_file("--save", chosen->save, inputs, "a baseline", is_sealed);
   stop_on_signals();
   const laboratory::BudgetReport report = laboratory::measure_budget(budget);
@@ -46,7 +50,7 @@ int run_budget(BudgetChoice* chosen) {
   laboratory::print_budget(budget, report);
   bool good = report.faults.empty();
   if (!chosen->compare.empty()) {
-    const laboratory::BudgetComparison comparison = laboratory::compare(before, chosen->compare, budget, report);
+    const laboratory::BudgetComparison comparison = laboratory::compare(before, report);
     print_line("");
     laboratory::print_comparison(comparison);
     good = good && comparison.dearer.empty();

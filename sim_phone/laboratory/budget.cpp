@@ -37,11 +37,9 @@ Times times_of(const std::vector<double>& ns) {
 }
 
 RunLog run_story(const BudgetOptions& options, const std::string& story) {
-  sim::PhoneOptions phone = sim::phone_for_story(story, options.seed);
-  use_camera(options.phone, &phone);
   RunOptions run;
   use_processor(options.phone, &run);
-  const std::unique_ptr<platform::Camera> camera = sim::make_phone_camera(phone);
+  const std::unique_ptr<platform::Camera> camera = sim::make_phone_camera(phone_of(options, story));
   return run_sequence(*camera, run, [](const CameraInfo&) {}, {});
 }
 
@@ -117,7 +115,7 @@ void sum_up(const std::vector<RunLog>& logs, BudgetReport* report) {
   for (double& ms : report->job_ms) ms /= std::max(1e-9 * static_cast<double>(report->time.all_ns()), 1e-9);
 }
 
-void judge(BudgetReport* report) {
+void give_verdict(BudgetReport* report) {
   const double worst_ms = 1e-6 * static_cast<double>(report->worst.ns);
   if (report->dropped > 0)
     report->faults.push_back(format("%d frames were dropped because the one before was not done", report->dropped));
@@ -130,16 +128,21 @@ void judge(BudgetReport* report) {
                                     100 * left, 100 * kLeastForMapping));
 }
 
-std::string ms(double ns) {
+std::string ms_text(double ns) {
   return format("%.2f", 1e-6 * ns);
 }
 
-std::string percent(double share) {
+std::string percent_text(double share) {
   return format("%.0f", 100 * share);
 }
 
 std::vector<std::string> times_row(const std::string& name, const Times& times) {
-  return {name, format("%zu", times.count), ms(times.mean), ms(times.median), ms(times.high), ms(times.worst)};
+  return {name,
+          format("%zu", times.count),
+          ms_text(times.mean),
+          ms_text(times.median),
+          ms_text(times.high),
+          ms_text(times.worst)};
 }
 
 std::vector<std::string> same_for_all(const std::string& name, size_t count, int64_t each_ns) {
@@ -152,10 +155,10 @@ void print_stories(const BudgetReport& report) {
   rows.reserve(report.stories.size() + 1);
   const auto add = [&](const StoryBudget& s) {
     rows.push_back({s.story, std::to_string(s.frames), std::to_string(s.dropped), std::to_string(s.time.late),
-                    ms(s.tracking.median), ms(s.tracking.high), ms(s.tracking.worst),
-                    ms(static_cast<double>(s.worst_ns)), percent(s.time.share(s.time.mapping_ns)),
-                    percent(s.time.share(s.time.idle_ns)), percent(s.time.work_left_share()),
-                    percent(s.tracked_fraction)});
+                    ms_text(s.tracking.median), ms_text(s.tracking.high), ms_text(s.tracking.worst),
+                    ms_text(static_cast<double>(s.worst_ns)), percent_text(s.time.share(s.time.mapping_ns)),
+                    percent_text(s.time.share(s.time.idle_ns)), percent_text(s.time.work_left_share()),
+                    percent_text(s.tracked_fraction)});
   };
   for (const StoryBudget& story : report.stories) add(story);
   print_line(
@@ -169,8 +172,7 @@ void print_stories(const BudgetReport& report) {
 void print_stages(const BudgetOptions& options, const BudgetReport& report) {
   std::vector<std::vector<std::string>> rows;
   rows.reserve(kStages + 4);
-  for (int s = 0; s < kStages; ++s)
-    rows.push_back(times_row(platform::name_of(static_cast<Stage>(s)), report.stages[s]));
+  for (int s = 0; s < kStages; ++s) rows.push_back(times_row(name_of(static_cast<Stage>(s)), report.stages[s]));
   rows.push_back(times_row("tracking", report.tracking));
   rows.push_back(same_for_all("capture", report.whole.count, options.phone.capture_ns));
   rows.push_back(same_for_all("display", report.whole.count, options.phone.display_ns));
@@ -188,7 +190,7 @@ std::string mapping_text(const BudgetReport& report) {
 std::string jobs_text(const BudgetReport& report) {
   std::string text;
   for (int job = 0; job < kJobs; ++job)
-    text += format("%s%s %.1f", text.empty() ? "" : ", ", platform::name_of(span_of_job(job)), report.job_ms[job]);
+    text += format("%s%s %.1f", text.empty() ? "" : ", ", name_of(span_of_job(job)), report.job_ms[job]);
   return text + " ms of each second";
 }
 
@@ -201,16 +203,28 @@ std::vector<std::string> budget_stories() {
   return names;
 }
 
-BudgetReport measure_budget(const BudgetOptions& options) {
+sim::PhoneOptions phone_of(const BudgetOptions& options, const std::string& story) {
+  sim::PhoneOptions phone = sim::phone_for_story(story, options.seed);
+  use_camera(options.phone, &phone);
+  return phone;
+}
+
+void check_budget(const BudgetOptions& options) {
+  if (options.stories.empty()) throw InputError("no story was named");
   for (const std::string& story : options.stories) {
     if (sim::find_story(story) == nullptr)
       throw InputError("story '" + story + "' is unknown; choose one of " + joined(budget_stories()) +
                        ", or of the harder ones that pocket-ptam sim --help lists");
-    sim::PhoneOptions phone = sim::phone_for_story(story, options.seed);
-    use_camera(options.phone, &phone);
+    const sim::PhoneOptions phone = phone_of(options, story), first = phone_of(options, options.stories[0]);
     sim::check_phone_options(phone);
+    if (phone.width != first.width || phone.height != first.height || phone.frames_per_s != first.frames_per_s)
+      throw InputError("stories " + options.stories[0] + " and " + story +
+                       ": have different cameras; ask for one at a time, or give the phone's profile a camera");
   }
-  if (options.stories.empty()) throw InputError("no story was named");
+}
+
+BudgetReport measure_budget(const BudgetOptions& options) {
+  check_budget(options);
   std::vector<RunLog> logs(options.stories.size());
   const std::vector<bool> done = run_jobs(options.jobs, logs.size(), [&](size_t i) {
     logs[i] = run_story(options, options.stories[i]);
@@ -227,7 +241,7 @@ BudgetReport measure_budget(const BudgetOptions& options) {
   }
   sum_up(logs, &report);
   find_worst(logs, options, &report);
-  judge(&report);
+  give_verdict(&report);
   return report;
 }
 
@@ -249,7 +263,7 @@ void print_budget(const BudgetOptions& options, const BudgetReport& report) {
       {"frames", format("%d, %d dropped, %d late", report.frames, report.dropped, report.time.late)},
       {"worst frame",
        format("%.2f ms with capture and display, %.1f s into %s: %s takes %.2f ms, %.2f beyond what is usual", worst_ms,
-              report.worst.seconds, report.worst.story.c_str(), platform::name_of(report.worst.stage),
+              report.worst.seconds, report.worst.story.c_str(), name_of(report.worst.stage),
               1e-6 * static_cast<double>(report.worst.stage_ns), 1e-6 * static_cast<double>(report.worst.beyond_ns))},
       {"mapping", mapping_text(report)},
       {"  of it", jobs_text(report)},

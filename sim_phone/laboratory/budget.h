@@ -62,7 +62,12 @@ struct BudgetReport {
 // The sixteen of calm and quick hands.
 std::vector<std::string> budget_stories();
 
-// Throws InputError on options that make no sense.
+// The emulated phone that sees a story.
+sim::PhoneOptions phone_of(const BudgetOptions& options, const std::string& story);
+
+// Throws InputError on options that make no sense, such as stories of different cameras.
+void check_budget(const BudgetOptions& options);
+// Checks likewise.
 BudgetReport measure_budget(const BudgetOptions& options);
 
 void print_budget(const BudgetOptions& options, const BudgetReport& report);

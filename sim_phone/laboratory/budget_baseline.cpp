@@ -1,7 +1,6 @@
 #include "sim_phone/laboratory/budget_baseline.h"
 
 #include <charconv>
-#include <map>
 #include <string_view>
 
 #include "platform/input_error.h"
@@ -18,8 +17,9 @@ using namespace platform;
 constexpr const char* kBaselineHead = "# pocket-ptam budget 1";
 
 // What two budgets must have in common to be compared.
-std::string circumstances(const BudgetOptions& options, const BudgetReport& report) {
-  return format("# %dx%d, a frame every %.3f ms, seed %llu: ", report.width, report.height, report.period_ms,
+std::string circumstances(const BudgetOptions& options) {
+  const sim::PhoneOptions phone = phone_of(options, options.stories.at(0));
+  return format("# %dx%d, %.6g frames/s, seed %llu: ", phone.width, phone.height, phone.frames_per_s,
                 static_cast<unsigned long long>(options.seed)) +
          joined(options.stories);
 }
@@ -33,8 +33,7 @@ struct Figure {
 std::vector<Figure> figures_of(const BudgetReport& report) {
   std::vector<Figure> figures;
   figures.reserve(kStages + 1);
-  for (int s = 0; s < kStages; ++s)
-    figures.push_back({platform::name_of(static_cast<Stage>(s)), 1e-6 * report.stages[s].mean});
+  for (int s = 0; s < kStages; ++s) figures.push_back({name_of(static_cast<Stage>(s)), 1e-6 * report.stages[s].mean});
   figures.push_back({"tracking", 1e-6 * report.tracking.mean});
   return figures;
 }
@@ -54,25 +53,23 @@ std::vector<std::string_view> lines_of(std::string_view text) {
 }  // namespace
 
 std::string baseline_text(const BudgetOptions& options, const BudgetReport& report) {
-  std::string text = std::string(kBaselineHead) + ", " + std::string(kOpenSeal) + "\n" +
-                     circumstances(options, report) + "\n# phone " + printable(options.phone.name) +
-                     "\nstage,mean_ms\n";
+  std::string text = std::string(kBaselineHead) + ", " + std::string(kOpenSeal) + "\n" + circumstances(options) +
+                     "\n# phone " + printable(options.phone.name) + "\nstage,mean_ms\n";
   for (const Figure& figure : figures_of(report)) text += figure.what + format(",%.6f\n", figure.mean_ms);
   return sealed(std::move(text));
 }
 
-BudgetComparison compare(const std::string& text, const std::string& name, const BudgetOptions& options,
-                         const BudgetReport& report) {
+Baseline read_baseline(const std::string& text, const std::string& name, const BudgetOptions& options) {
   const auto refuse = [&](const std::string& why) -> InputError {
     return InputError("--compare " + name + ": " + why);
   };
   const std::vector<std::string_view> lines = lines_of(text);
   if (lines.size() < 3 || !lines[0].starts_with(kBaselineHead))
     throw refuse("is not a baseline that --save has written");
-  if (lines[1] != circumstances(options, report))
+  if (lines[1] != circumstances(options))
     throw refuse("was made of something else: there '" + std::string(lines[1].substr(0, 200)) + "', here '" +
-                 circumstances(options, report) + "'");
-  std::map<std::string, double, std::less<>> before;
+                 circumstances(options) + "'");
+  Baseline baseline;
   for (const std::string_view line : lines) {
     const size_t comma = line.find(',');
     if (line.starts_with('#') || line.starts_with("stage,") || comma == std::string_view::npos) continue;
@@ -81,17 +78,18 @@ BudgetComparison compare(const std::string& text, const std::string& name, const
     const auto [end, error] = std::from_chars(number.data(), number.data() + number.size(), value);
     if (error != std::errc() || end != number.data() + number.size() || !(value >= 0 && value < 1e9))
       throw refuse("'" + std::string(line.substr(0, 80)) + "' holds no time");
-    before[std::string(line.substr(0, comma))] = value;
+    baseline[std::string(line.substr(0, comma))] = value;
   }
-  const auto known = [&](const std::string& what) {
-    const auto found = before.find(what);
-    if (found == before.end()) throw refuse("has no line for " + what);
-    return found->second;
-  };
-  const double frame_ms = known("tracking");
+  for (const Figure& figure : figures_of({}))
+    if (!baseline.contains(figure.what)) throw refuse("has no line for " + figure.what);
+  return baseline;
+}
+
+BudgetComparison compare(const Baseline& before, const BudgetReport& report) {
+  const double frame_ms = before.at("tracking");
   BudgetComparison comparison;
   for (const Figure& figure : figures_of(report)) {
-    BudgetChange change = {figure.what, known(figure.what), figure.mean_ms, false};
+    BudgetChange change = {figure.what, before.at(figure.what), figure.mean_ms, false};
     const double grown_ms = change.now_ms - change.before_ms;
     const bool whole = figure.what == "tracking";
     change.dearer = (!whole && grown_ms > kStageTolerance * change.before_ms) || grown_ms > kFrameTolerance * frame_ms;

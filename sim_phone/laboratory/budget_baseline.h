@@ -2,6 +2,8 @@
 #pragma once
 
 #include <cstddef>
+#include <functional>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -19,6 +21,12 @@ constexpr size_t kMaxBaselineBytes = 64 * 1024;  // one has under 1 kB
 // As CSV, sealed (platform/outputs.h).
 std::string baseline_text(const BudgetOptions& options, const BudgetReport& report);
 
+// Means, ms, by stage.
+using Baseline = std::map<std::string, double, std::less<>>;
+// text: of an earlier baseline; name stands for it in messages. Throws InputError when it is none, or was made with
+// other stories or another seed or camera than the options.
+Baseline read_baseline(const std::string& text, const std::string& name, const BudgetOptions& options);
+
 struct BudgetChange {
   std::string what;  // a stage, or tracking
   double before_ms = 0, now_ms = 0;
@@ -29,10 +37,7 @@ struct BudgetComparison {
   std::vector<std::string> dearer;    // a line for each that is
 };
 
-// text: of an earlier baseline; name stands for it in messages. Throws InputError when it is none, or was made with
-// other stories or another seed or camera.
-BudgetComparison compare(const std::string& text, const std::string& name, const BudgetOptions& options,
-                         const BudgetReport& report);
+BudgetComparison compare(const Baseline& before, const BudgetReport& report);
 
 void print_comparison(const BudgetComparison& comparison);
 

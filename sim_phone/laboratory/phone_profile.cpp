@@ -168,7 +168,7 @@ class ProfileReader {
 
 }  // namespace
 
-const char* name_of(Work kind) {
+const char* work_name(Work kind) {
   return static_cast<size_t>(kind) < std::size(kWorkNames) ? kWorkNames[static_cast<size_t>(kind)] : "?";
 }
 

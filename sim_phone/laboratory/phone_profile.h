@@ -34,6 +34,6 @@ void use_camera(const Phone& phone, sim::PhoneOptions* options);
 void use_processor(const Phone& phone, platform::RunOptions* options);
 
 // The name of a kind of work in a profile: grey_pixel, ...
-const char* name_of(Work kind);
+const char* work_name(Work kind);
 
 }  // namespace pptam::laboratory
