@@ -41,7 +41,8 @@ int run_budget(BudgetChoice* chosen) {
     const std::string text = read_text(chosen->compare, laboratory::kMaxBaselineBytes);
     before = laboratory::read_baseline(text, chosen->compare, budget);
   }
-  if (!chosen->save.empty()) check_output_file("--save", chosen->save, inputs, "a baseline", is_sealed);
+  if (!chosen->save.empty())
+    check_output_file("--save", chosen->save, inputs, "an earlier baseline", laboratory::is_baseline);
   stop_on_signals();
   const laboratory::BudgetReport report = laboratory::measure_budget(budget);
   // Nothing of it holds for stories that were cut short.

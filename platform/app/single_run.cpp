@@ -300,13 +300,13 @@ void check_map_file(const std::string& file, const Inputs& inputs) {
 }
 
 void check_trace_file(const OutputOptions& output, const Inputs& inputs) {
-  check_output_file("--trace", output.trace, inputs, "a trace of an earlier run", is_sealed);
+  check_output_file("--trace", output.trace, inputs, "a trace of an earlier run", is_trace);
   if (!output.save_map.empty() && same_place(output.trace, output.save_map))
     throw InputError("--trace " + output.trace + ": is where --save-map writes, name another file");
 }
 
 void write_trace_file(const OutputOptions& output, const RunLog& log, const std::string& command_line) {
-  judge_output_file("--trace", output.trace, {}, "a trace of an earlier run", is_sealed);  // may have come meanwhile
+  judge_output_file("--trace", output.trace, {}, "a trace of an earlier run", is_trace);  // may have come meanwhile
   write_text_atomically(output.trace, trace_text(log, command_line));
 }
 

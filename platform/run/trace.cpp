@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cinttypes>
+#include <string_view>
+#include <utility>
 
 #include "platform/outputs.h"
 #include "platform/run/console.h"
@@ -10,6 +12,8 @@
 
 namespace pptam::platform {
 namespace {
+
+constexpr std::string_view kTraceHead = "{\"displayTimeUnit\":\"ms\",\n\"otherData\":{\"file\":\"";
 
 // Tracks, as Chrome calls them threads.
 enum Track { kFrames = 1, kMapping = 2, kIdling = 3 };
@@ -112,19 +116,21 @@ void RunTracer::take(FrameLog* frame) {
 }
 
 std::string trace_text(const RunLog& log, const std::string& command) {
-  std::string text = "{\"displayTimeUnit\":\"ms\",\n\"otherData\":{\"file\":\"" + std::string(kOpenSeal) +
-                     "\",\"run\":" + quoted(log.camera.name) + ",\"clock\":\"" + name_of(log.clock) +
-                     "\",\"command\":" + quoted(command) + "},\n\"traceEvents\":[\n";
+  std::string text = std::string(kTraceHead) + std::string(kOpenSeal) + "\",\"run\":" + quoted(log.camera.name) +
+                     ",\"clock\":\"" + name_of(log.clock) + "\",\"command\":" + quoted(command) +
+                     "},\n\"traceEvents\":[\n";
   text += metadata("process_name", 0, "Pocket PTAM: " + log.camera.name);
-  for (const Track track : {kFrames, kMapping, kIdling})
-    text += ",\n" + metadata("thread_name", track,
-                             track == kFrames    ? "frames"
-                             : track == kMapping ? "mapping"
-                                                 : "idle");
+  for (const auto& [track, name] : {std::pair(kFrames, "frames"), {kMapping, "mapping"}, {kIdling, "idle"}})
+    text += ",\n" + metadata("thread_name", track, name);
   const int64_t origin_ns = log.trace.empty() ? 0 : log.trace.front().begin_ns;
   for (const TraceEvent& event : log.trace)
     if (!is_empty(event)) text += ",\n" + event_text(event, origin_ns);
   return sealed(text + "\n]}\n");
+}
+
+bool is_trace(std::span<const std::byte> content) {
+  const std::string_view text(reinterpret_cast<const char*>(content.data()), content.size());
+  return text.starts_with(kTraceHead) && is_sealed(content);
 }
 
 }  // namespace pptam::platform

@@ -2,8 +2,11 @@
 // the text of a trace that Perfetto and Chrome show (ui.perfetto.dev, chrome://tracing).
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
+#include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <pocket_ptam/pocket_ptam.h>
@@ -50,5 +53,7 @@ class RunTracer final : public Tracer {
 // Trace-event JSON with tracks for frames, mapping and idle time, nested spans and counters; sealed
 // (platform/outputs.h). command: how to repeat the run.
 std::string trace_text(const RunLog& log, const std::string& command);
+// Such a text, as it was written.
+bool is_trace(std::span<const std::byte> content);
 
 }  // namespace pptam::platform

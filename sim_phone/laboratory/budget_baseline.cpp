@@ -14,7 +14,7 @@ namespace {
 
 using namespace platform;
 
-constexpr const char* kBaselineHead = "# pocket-ptam budget 1";
+constexpr std::string_view kBaselineHead = "# pocket-ptam budget 1";
 
 // What two budgets must have in common to be compared.
 std::string circumstances(const BudgetOptions& options) {
@@ -57,6 +57,11 @@ std::string baseline_text(const BudgetOptions& options, const BudgetReport& repo
                      "\n# phone " + printable(options.phone.name) + "\nstage,mean_ms\n";
   for (const Figure& figure : figures_of(report)) text += figure.what + format(",%.6f\n", figure.mean_ms);
   return sealed(std::move(text));
+}
+
+bool is_baseline(std::span<const std::byte> content) {
+  const std::string_view text(reinterpret_cast<const char*>(content.data()), content.size());
+  return text.starts_with(kBaselineHead) && is_sealed(content);
 }
 
 Baseline read_baseline(const std::string& text, const std::string& name, const BudgetOptions& options) {

@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <functional>
 #include <map>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -20,6 +21,8 @@ constexpr size_t kMaxBaselineBytes = 64 * 1024;  // one has under 1 kB
 
 // As CSV, sealed (platform/outputs.h).
 std::string baseline_text(const BudgetOptions& options, const BudgetReport& report);
+// Such a text, as it was written.
+bool is_baseline(std::span<const std::byte> content);
 
 // Means, ms, by stage.
 using Baseline = std::map<std::string, double, std::less<>>;
