@@ -55,17 +55,22 @@ struct System::Impl {
       : config(configuration),
         meter(config.profile),
         map(arena, config),
+        map_end(arena.used()),
         corner_source(config.corner_source(arena, config, meter)),
         tracker(arena, config, map, meter, config.initialiser(arena, config, meter, corner_source)),
+        tracking_end(arena.used()),
         mapper(arena, config, map, meter, corner_source) {}
 
   Config config;
   WorkMeter meter;
   Map map;
+  size_t map_end;  // in the arena
   CornerSource* corner_source;
   Tracker tracker;
+  size_t tracking_end;
   Mapper mapper;
   const Clock* clock = nullptr;
+  Tracer* tracer = nullptr;
   int64_t last_timestamp_ns = INT64_MIN;
   int world_changes = 0;  // TrackResult's
 };
@@ -136,12 +141,22 @@ Status Config::validate() const {
 }
 
 size_t System::required_bytes(const Config& config) {
-  if (!config.validate().ok()) return 0;
+  const MemoryParts parts = required_parts(config);
+  return parts.map + parts.tracking + parts.mapping + parts.rest;
+}
+
+MemoryParts System::required_parts(const Config& config) {
+  MemoryParts parts;
+  if (!config.validate().ok()) return parts;
   Arena arena;  // measures only
   arena.allocate(sizeof(System));
   arena.allocate(sizeof(Impl));
+  parts.rest = arena.used();
   const Impl impl(arena, config);
-  return arena.used();
+  parts.map = impl.map_end - parts.rest;
+  parts.tracking = impl.tracking_end - impl.map_end;
+  parts.mapping = arena.used() - impl.tracking_end;
+  return parts;
 }
 
 Status System::create(const Config& config, std::span<std::byte> memory, System** system) {
@@ -168,6 +183,10 @@ void System::set_clock(const Clock* clock) {
   impl_->clock = clock;
 }
 
+void System::set_tracer(Tracer* tracer) {
+  impl_->tracer = tracer;
+}
+
 TrackResult System::track(const Frame& frame) {
   TrackResult refused;
   refused.timestamp_ns = frame.timestamp_ns;
@@ -179,8 +198,16 @@ TrackResult System::track(const Frame& frame) {
     refused.status = {StatusCode::kTimeWentBackwards, "track: the timestamp is not later than the last frame's"};
   if (!refused.status.ok()) return refused;
   impl_->last_timestamp_ns = frame.timestamp_ns;
-  TrackResult result = impl_->tracker.track(frame, impl_->clock);
+  Tracer* const tracer = impl_->tracer;
+  if (tracer) tracer->begin(Span::kFrame);
+  TrackResult result = impl_->tracker.track(frame, impl_->clock, tracer);
   result.world_changes = impl_->world_changes;
+  if (!tracer) return result;
+  tracer->end(Span::kFrame);
+  tracer->count(Counter::kKeyframes, result.keyframes);
+  tracer->count(Counter::kMapPoints, result.map_points);
+  tracer->count(Counter::kInliers, result.points_inliers);
+  tracer->count(Counter::kQuality, static_cast<int64_t>(result.quality));
   return result;
 }
 
@@ -188,7 +215,7 @@ bool System::has_work() const {
   return impl_->mapper.has_work();
 }
 void System::work_slice() {
-  impl_->mapper.work_slice();
+  impl_->mapper.work_slice(impl_->tracer);
 }
 void System::tap() {
   impl_->tracker.tap();

@@ -52,8 +52,32 @@ bool Mapper::has_work() const {
   return epoch_ != map_.epoch() || !resting_ || map_.queue().waiting() > 0 || !map_.ready();
 }
 
-void Mapper::work_slice() {
+void Mapper::work_slice(Tracer* tracer) {
   if (!has_work()) return;
+  tracer_ = tracer;
+  if (epoch_ != map_.epoch()) job_ = Span::kTidy;
+  if (tracer_) {
+    tracer_->begin(Span::kSlice);
+    tracer_->begin(job_);
+  }
+  begin_or_go_on();
+  map_.check_consistency();
+  if (!tracer_) return;
+  tracer_->end(job_);
+  tracer_->end(Span::kSlice);
+}
+
+// Says what the slice works on from now on.
+void Mapper::turn_to(Span job) {
+  if (job == job_) return;
+  if (tracer_) {
+    tracer_->end(job_);
+    tracer_->begin(job);
+  }
+  job_ = job;
+}
+
+void Mapper::begin_or_go_on() {
   if (epoch_ != map_.epoch()) {
     // The map that the paused job worked on has been cleared, or has other coordinates.
     epoch_ = map_.epoch();
@@ -67,33 +91,37 @@ void Mapper::work_slice() {
     task_ = run();
     resting_ = false;
     task_.start();
-    map_.check_consistency();
     return;
   }
   resting_ = false;
   resume();
-  map_.check_consistency();
 }
 
 Task<> Mapper::run() {
   co_await hygiene_.cull_measurements();  // the job before may have been dropped during an insertion
   for (;;) {
     if (map_.exists() && !map_.ready()) {
+      turn_to(Span::kFinishMap);
       co_await finish_initial_map();
     } else if (map_.live_count() > map_.max_live()) {  // an insertion was dropped
       co_await make_room();
     } else if (map_.erased_count() > map_.max_erased()) {  // an erasure was dropped
+      turn_to(Span::kCull);
       co_await eraser_.forget_surplus();
     } else if (map_.queue().waiting() > 0) {
       co_await insert_keyframe();
     } else if (local_pending_) {
       local_pending_ = false;
+      turn_to(Span::kAdjustNew);
       co_await bundle_.run(newest_, false, kBundleIterations);
     } else if (full_pending_) {
+      turn_to(Span::kAdjust);
       co_await adjust_all();
     } else if (hygiene_.refining()) {
+      turn_to(Span::kTidy);
       co_await hygiene_.refine_points();
     } else {
+      turn_to(Span::kTidy);
       resting_ = true;
       co_await rest();
     }
@@ -133,6 +161,7 @@ Task<> Mapper::adjust_all() {
 }
 
 Task<> Mapper::insert_keyframe() {
+  turn_to(Span::kInsert);
   KeyframeCandidate& candidate = map_.queue().front();
   const int keyframe = map_.add_keyframe(candidate.frame);
   if (keyframe < 0) {
@@ -145,6 +174,7 @@ Task<> Mapper::insert_keyframe() {
   map_.queue().pop();
   if (map_.live_count() > map_.max_live()) co_await make_room();
   if (!map_.keyframes()[keyframe].live()) co_return;
+  turn_to(Span::kInsert);
   co_await hygiene_.cull_measurements();  // after make_room(): a discarded keyframe costs no measurement
   newest_ = keyframe;
   co_await measure_remaining_points(keyframe);
@@ -157,6 +187,7 @@ Task<> Mapper::insert_keyframe() {
 // Called with one keyframe too many: erases the least useful one [phone 3.3]. If none can be erased, the newest
 // keyframe is discarded, and the map is full.
 Task<> Mapper::make_room() {
+  turn_to(Span::kCull);
   int gone = co_await culling_->choose();
   PPTAM_ASSERT(gone != 0);
   if (gone > 0) {

@@ -6,6 +6,7 @@
 // - When there are too many keyframes the least useful one is erased. If none can be, the new one is discarded.
 #pragma once
 
+#include <pocket_ptam/tracer.h>
 #include "map/map.h"
 #include "map/patch_search.h"
 #include "mapping/bundle_adjustment.h"
@@ -25,10 +26,12 @@ class Mapper : public Background {
   Mapper(Arena& arena, const Config& config, Map& map, WorkMeter& meter, CornerSource* corner_source);
 
   bool has_work() const;
-  void work_slice();
+  void work_slice(Tracer* tracer = nullptr);
   Ground& ground() { return ground_; }
 
  private:
+  void begin_or_go_on();
+  void turn_to(Span job);
   Task<> run();
   Task<> finish_initial_map();
   Task<> insert_keyframe();
@@ -48,7 +51,9 @@ class Mapper : public Background {
   Hygiene hygiene_;
   PatchFinder finder_;
   Task<> task_;
-  bool resting_ = true;  // the job has nothing left to do
+  Tracer* tracer_ = nullptr;  // of the present slice
+  Span job_ = Span::kTidy;    // what is being done, for the tracer
+  bool resting_ = true;       // the job has nothing left to do
   bool local_pending_ = false, full_pending_ = false;
   int newest_ = -1;              // keyframe to adjust locally; -1: none
   int velocity_rounds_ = 0;      // since the last new keyframe

@@ -28,11 +28,20 @@
 #include <pocket_ptam/config.h>
 #include <pocket_ptam/image.h>
 #include <pocket_ptam/map_info.h>
+#include <pocket_ptam/tracer.h>
 #include <pocket_ptam/track_result.h>
 
 namespace pptam {
 
 struct MapFit;  // inspection.h
+
+// Bytes of System::required_bytes() by what they are for.
+struct MemoryParts {
+  size_t map = 0;       // keyframes' images, points, measurements, partial points
+  size_t tracking = 0;  // the frame's pyramid, the search, the start, corners
+  size_t mapping = 0;   // bundle adjustment, paused jobs
+  size_t rest = 0;      // settings and bookkeeping
+};
 
 class System {
  public:
@@ -41,12 +50,15 @@ class System {
 
   // Bytes of memory that create() needs for this configuration; 0 when config.validate() is not ok.
   static size_t required_bytes(const Config& config);
+  static MemoryParts required_parts(const Config& config);  // their sum is required_bytes()
   // Builds the system inside memory (aligned as by malloc, at least required_bytes), which must outlive it. *system is
   // set only on success; there is nothing to destroy.
   static Status create(const Config& config, std::span<std::byte> memory, System** system);
 
   // Clock for TrackResult::stage_ns; null: no stage times. It must outlive the system or be replaced.
   void set_clock(const Clock* clock);
+  // Who is told what track() and work_slice() are doing; null: nobody. It must outlive the system or be replaced.
+  void set_tracer(Tracer* tracer);
 
   // Tracks one frame to completion. Refuses (result.status) incomplete frames, another size than the camera's, and
   // timestamps that do not increase.

@@ -42,10 +42,10 @@ enum LimitBits : uint32_t {
 enum class Stage : uint8_t {  // parts of System::track(), for TrackResult::stage_ns
   kPyramid,                   // grey conversion and pyramid
   kRotation,                  // full-frame rotation
-  kSearch,                    // prediction, visibility, warp, search, refinement
-  kPose,                      // pose update
-  kPartial,                   // partial points
-  kInitialise,                // initialiser or relocaliser
+  kSearch,                    // map points: prediction, visibility, warp, search, refinement
+  kPose,                      // pose update, and what is made of the pose
+  kPartial,                   // partial points, searched and corrected
+  kInitialise,                // initialiser; the pose that the relocaliser proposes
   kKeyframe,                  // copying a new keyframe into the queue
   kCount
 };

@@ -75,10 +75,11 @@ struct MapMatching::Rows final : PoseRows {
   std::span<const PartialAttempt> partials_;
 };
 
-MapMatching::MapMatching(Arena& arena, const Config& config, Map& map, WorkMeter& meter)
+MapMatching::MapMatching(Arena& arena, const Config& config, Map& map, WorkMeter& meter, StageTimer& stages)
     : config_(config),
       map_(map),
       meter_(meter),
+      stages_(stages),
       selection_(arena, config, meter),
       attempts_(arena, config.max_measured_points),
       finder_(map, config, meter),
@@ -87,6 +88,7 @@ MapMatching::MapMatching(Arena& arena, const Config& config, Map& map, WorkMeter
             meter) {}
 
 MapMatch MapMatching::match(const Pyramid& pyramid, const MotionModel& motion, Search search, const SE3& T_first) {
+  stages_.enter(Stage::kSearch);
   SE3 T_start = T_first;
   VelocityPrior prior = motion.prior(T_start);
   SearchOptions options;
@@ -99,6 +101,7 @@ MapMatch MapMatching::match(const Pyramid& pyramid, const MotionModel& motion, S
     if (coarse.quality != TrackingQuality::kBad) {
       T_start = coarse.pose.T_cw;
       prior = motion.prior(T_start);
+      stages_.enter(Stage::kSearch);
       selected_ = selection_.select(map_, T_start);
     }
   }
@@ -133,6 +136,7 @@ MapMatch MapMatching::join(std::span<const PartialAttempt> partials, const Motio
 }
 
 MapMatch MapMatching::solve(const SE3& T_start, const VelocityPrior& prior, std::span<const PartialAttempt> partials) {
+  stages_.enter(Stage::kPose);
   MapMatch match;
   match.visible = selection_.visible();
   for (const Attempt& attempt : attempts_) {
@@ -157,6 +161,7 @@ MapMatch MapMatching::solve(const SE3& T_start, const VelocityPrior& prior, std:
 
 void MapMatching::search(const Pyramid& pyramid, const SE3& T_start, const VelocityPrior& prior,
                          const SearchOptions& options) {
+  stages_.enter(Stage::kSearch);
   attempts_.clear();
   const bool keeps = options.level == config_.search_level;
   if (keeps) kept_.begin_search();

@@ -10,6 +10,7 @@
 #include "tracking/depth_filter.h"
 #include "tracking/kept_templates.h"
 #include "tracking/point_selection.h"
+#include "tracking/stage_timer.h"
 
 namespace pptam {
 
@@ -52,7 +53,8 @@ class MapMatching {
  public:
   enum class Search : uint8_t { kNormal, kBlurred, kWide };
 
-  MapMatching(Arena& arena, const Config& config, Map& map, WorkMeter& meter);
+  // stages: is told when points are searched and when the pose is found.
+  MapMatching(Arena& arena, const Config& config, Map& map, WorkMeter& meter, StageTimer& stages);
 
   MapMatch match(const Pyramid& pyramid, const MotionModel& motion, Search search) {
     return match(pyramid, motion, search, motion.T_predicted());
@@ -90,6 +92,7 @@ class MapMatching {
   const Config& config_;
   Map& map_;
   WorkMeter& meter_;
+  StageTimer& stages_;
   PointSelection selection_;
   std::span<const int> selected_;
   FixedVector<Attempt> attempts_;

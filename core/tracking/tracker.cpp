@@ -53,7 +53,7 @@ Tracker::Tracker(Arena& arena, const Config& config, Map& map, WorkMeter& meter,
       meter_(meter),
       frame_(arena, config.camera.model, meter),
       full_frame_rotation_(arena, config.camera),
-      matching_(arena, config, map, meter),
+      matching_(arena, config, map, meter, stages_),
       depth_filter_(arena, config, map, meter),
       keyframe_policy_(config, map, meter),
       initialiser_(initialiser),
@@ -99,27 +99,18 @@ void Tracker::follow_map() {
   still_camera_.apply(motion_.T_cw());
 }
 
-void Tracker::mark_stage(Stage stage, TrackResult* result) {
-  if (!clock_) return;
-  const int64_t now_ns = clock_->now_ns();
-  result->stage_ns[static_cast<int>(stage)] += now_ns - stage_start_ns_;
-  stage_start_ns_ = now_ns;
-}
-
-TrackResult Tracker::track(const Frame& frame, const Clock* clock) {
+TrackResult Tracker::track(const Frame& frame, const Clock* clock, Tracer* tracer) {
   TrackResult result;
   result.timestamp_ns = frame.timestamp_ns;
-  clock_ = clock;
-  if (clock_) stage_start_ns_ = clock_->now_ns();
+  stages_.begin(clock, tracer);
   // Where there is no pose a repeated picture is tried again: a start or the relocaliser may have more luck with it.
   if (!frame_.take(frame, last_.pose_valid)) {
-    mark_stage(Stage::kPyramid, &result);
+    stages_.end(&result);
     return repeated(result);
   }
   observed_.clear();
   matching_.forget();
   if (frame_.dt_s() > kMaxGap_s) motion_.stop();
-  mark_stage(Stage::kPyramid, &result);
 
   // The mapper may have changed the world's coordinates, or discarded the map.
   if (state_ != TrackingState::kWaiting && !initialiser_->active() && !map_.exists()) {
@@ -128,8 +119,8 @@ TrackResult Tracker::track(const Frame& frame, const Clock* clock) {
     motion_.lose();
   }
   follow_map();
+  stages_.enter(Stage::kRotation);
   predict();
-  mark_stage(Stage::kRotation, &result);
 
   if (map_.exists() && state_ == TrackingState::kLost) {
     relocalise(&result);
@@ -137,11 +128,11 @@ TrackResult Tracker::track(const Frame& frame, const Clock* clock) {
   } else if (map_.exists()) {
     track_with_map(&result);
   } else {
+    stages_.enter(Stage::kInitialise);
     track_initialiser(&result);
-    mark_stage(Stage::kInitialise, &result);
   }
   result.map = static_cast<int>(map_.number());
-  if (map_.aside_count() > 0) look_aside(&result);
+  if (map_.aside_count() > 0) look_aside();
 
   result.state = state_;
   result.hint = hint_;
@@ -151,6 +142,7 @@ TrackResult Tracker::track(const Frame& frame, const Clock* clock) {
   result.erased_keyframes = map_.erased_count();
   result.map_points = map_.point_count();
   if (result.points.empty()) result.points = observed_;
+  stages_.end(&result);
   last_ = result;
   return result;
 }
@@ -206,8 +198,8 @@ void Tracker::track_with_map(TrackResult* result) {
   MapMatch match = match_with_partials(search, with_partials);
   if (search == Search::kNormal && match.quality == TrackingQuality::kBad)
     match = match_with_partials(Search::kWide, with_partials);
+  stages_.enter(Stage::kPose);
   matching_.report(&observed_);
-  mark_stage(Stage::kSearch, result);
 
   result->quality = match.quality;
   result->blurred = blurred;
@@ -229,6 +221,7 @@ MapMatch Tracker::match_with_partials(MapMatching::Search search, bool allowed) 
   MapMatch match = matching_.match(frame_.pyramid(), motion_, search);
   depth_filter_.forget();
   if (!allowed) return match;
+  stages_.enter(Stage::kPartial);
   const bool placed = match.quality != TrackingQuality::kBad;
   DepthFilter::Start start;
   start.T_cw = placed ? match.pose.T_cw : motion_.T_predicted();
@@ -285,25 +278,24 @@ void Tracker::accept(const MapMatch& match, bool blurred, TrackResult* result) {
   if (result->misfit && match.inliers >= kEnoughToRefuse) return;
   const bool fixed = map_.ready() && map_.locked();
   if (!fixed) matching_.count_searches();
-  mark_stage(Stage::kPose, result);
   if (!map_.ready() || fixed) return;
+  stages_.enter(Stage::kPartial);
   depth_filter_.update(motion_, &observed_, result);
-  mark_stage(Stage::kPartial, result);
+  stages_.enter(Stage::kKeyframe);
   if (!keyframe_policy_.wants(frame_.timestamp_ns(), motion_, matching_.staying(motion_))) return;
   keyframe_policy_.hold(frame_, motion_, matching_.attempts());
   result->keyframe_added = true;
-  mark_stage(Stage::kKeyframe, result);
 }
 
 void Tracker::relocalise(TrackResult* result) {
   lost_s_ += std::min(frame_.dt_s(), kMaxGap_s);  // while nothing was seen nobody looked
   find_candidate(&relocalise_attempt_, result);
-  mark_stage(Stage::kInitialise, result);
 }
 
 // One attempt of the relocaliser in the map in use. True when its pose is good; then state and motion are those of a
 // pose that the next frame has to confirm, and none is reported yet. result: null in a map that is only looked at.
 bool Tracker::find_candidate(int* attempt, TrackResult* result) {
+  stages_.enter(Stage::kInitialise);
   motion_.stop();
   const RelocalisationCandidate candidate = propose_pose(map_, config_.camera, full_frame_rotation_, lamp_bands_.seen(),
                                                          frame_.small(), (*attempt)++, meter_);
@@ -338,7 +330,7 @@ void Tracker::begin_anew_if_lost_long() {
 
 // Now and then the relocaliser tries one of the maps that are set aside. From a finished map only older ones are
 // returned to: two that show the same scene would take turns.
-void Tracker::look_aside(TrackResult* result) {
+void Tracker::look_aside() {
   if (map_.looking() || confirmed_ > 0 || --frames_until_look_ > 0) return;
   const bool tracking = state_ == TrackingState::kTracking;
   frames_until_look_ = tracking ? kLookIntervalTracking : kLookIntervalWithout;
@@ -358,7 +350,6 @@ void Tracker::look_aside(TrackResult* result) {
     motion_ = before_look_;
   }
   matching_.restart();
-  mark_stage(Stage::kInitialise, result);
 }
 
 // The pose that a look had found was not confirmed: all is as before, but for a frame that was missed.

@@ -16,12 +16,14 @@
 #pragma once
 
 #include <pocket_ptam/clock.h>
+#include <pocket_ptam/tracer.h>
 #include "tracking/depth_filter.h"
 #include "tracking/frame_fit.h"
 #include "tracking/frame_input.h"
 #include "tracking/initialiser.h"
 #include "tracking/keyframe_policy.h"
 #include "tracking/map_matching.h"
+#include "tracking/stage_timer.h"
 #include "tracking/start_trigger.h"
 #include "tracking/still_camera.h"
 
@@ -31,8 +33,8 @@ class Tracker {
  public:
   Tracker(Arena& arena, const Config& config, Map& map, WorkMeter& meter, Initialiser* initialiser);
 
-  // The frame must be validated. clock may be null: TrackResult::stage_ns is not filled then.
-  TrackResult track(const Frame& frame, const Clock* clock);
+  // The frame must be validated. clock may be null: TrackResult::stage_ns is not filled then. So may tracer.
+  TrackResult track(const Frame& frame, const Clock* clock, Tracer* tracer = nullptr);
   void tap();
   void reset();
   // To be called after reset() when a map has been loaded: the camera's pose in it is not known.
@@ -52,18 +54,16 @@ class Tracker {
   void relocalise(TrackResult* result);
   bool find_candidate(int* attempt, TrackResult* result);
   void begin_anew_if_lost_long();
-  void look_aside(TrackResult* result);
+  void look_aside();
   void leave_look();
   void settle_look();
   void track_initialiser(TrackResult* result);
   TrackResult repeated(const TrackResult& taken);
-  void mark_stage(Stage stage, TrackResult* result);
 
   const Config& config_;
   Map& map_;
   WorkMeter& meter_;
-  const Clock* clock_ = nullptr;
-  int64_t stage_start_ns_ = 0;
+  StageTimer stages_;
 
   FrameInput frame_;
   FullFrameRotation full_frame_rotation_;

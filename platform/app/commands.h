@@ -18,6 +18,7 @@ struct Command {
 };
 
 // command_line: how to repeat the run, for reports.
+Command add_budget(CLI::App& program);
 Command add_sim(CLI::App& program, const std::string& command_line);
 Command add_replay(CLI::App& program, const std::string& command_line);
 Command add_live(CLI::App& program, const std::string& command_line);

@@ -182,6 +182,11 @@ class LiveSession {
       inputs.add("the map of --load-map", chosen_.live.run.load_map);
       check_map_file(chosen_.output.save_map, inputs);
     }
+    if (!chosen_.output.trace.empty()) {
+      Inputs inputs = knowledge.inputs;
+      inputs.add("the map of --load-map", chosen_.live.run.load_map);
+      check_trace_file(chosen_.output, inputs);
+    }
     const std::unique_ptr<platform::Camera> camera = open_camera(chosen_, &knowledge.warnings);
     for (const std::string& warning : knowledge.warnings) print_warning(warning);
     if (chosen_.output.show.where != DisplayChoice::kNowhere)
@@ -204,6 +209,14 @@ class LiveSession {
     if (!log.save_trouble.empty())
       print_error("--save-map " + chosen_.output.save_map + ": nothing was saved: " + log.save_trouble);
     if (!log.saved_map.empty()) good = save(log.saved_map) && good;
+    if (!chosen_.output.trace.empty()) {
+      try {
+        write_trace_file(chosen_.output, log, command_line_);
+      } catch (const InputError& error) {
+        print_error(error.what());
+        good = false;
+      }
+    }
     return finish(good);
   }
 
@@ -215,10 +228,13 @@ class LiveSession {
     const std::string& map = chosen_.output.save_map;
     if (!map.empty() && !chosen_.to.empty() && same_place(map, chosen_.to))
       throw InputError("--save-map " + map + ": is where --to writes, name another file");
+    if (!chosen_.output.trace.empty() && !chosen_.to.empty() && same_place(chosen_.output.trace, chosen_.to))
+      throw InputError("--trace " + chosen_.output.trace + ": is where --to writes, name another file");
     const std::string& record = chosen_.live.record;
     if (record.empty()) return;
     LiveRecording::check(record);
-    for (const auto& [option, file] : {std::pair("--save-map ", map), std::pair("--to ", chosen_.to)}) {
+    for (const auto& [option, file] :
+         {std::pair("--save-map ", map), std::pair("--to ", chosen_.to), std::pair("--trace ", chosen_.output.trace)}) {
       if (file.empty()) continue;
       const fs::path folder = fs::absolute(file).lexically_normal().parent_path();
       if (same_place(file, record) || same_place(folder, record))
@@ -371,6 +387,7 @@ void add_live_options(CLI::App* live, LiveChoice* chosen) {
   live->add_option("--duration", chosen->live.duration_s, "End after so long [never]")
       ->check(CLI::Range(0.01, 1e9))
       ->type_name("SECONDS");
+  add_trace_option(live, &run, &chosen->output);
   add_show_options(live, &chosen->output.show);
   live->add_flag(
           "--predict", chosen->output.show.predict,
@@ -395,6 +412,7 @@ Command add_live(CLI::App& program, const std::string& command_line) {
       "  pocket-ptam live --camera libcamera:0 --calibration cam.yaml --poses json --udp 5005\n"
       "  pocket-ptam live --fov 60 --record desk --duration 30       and then: pocket-ptam replay desk\n"
       "  pocket-ptam live --fov 60 --show --poses none               the house on a display\n"
+      "  pocket-ptam live --fov 60 --duration 30 --trace t.json      what took how long, for ui.perfetto.dev\n"
       "  pocket-ptam live --camera sim:desk --duration 10            without any camera");
   return {live, [chosen, command_line] {
             chosen->live.run.auto_start = !chosen->no_auto_start && chosen->live.run.load_map.empty();

@@ -47,6 +47,7 @@ int run_program(int argc, char** argv) {
   app.footer(
       "Examples:\n"
       "  pocket-ptam sim                                  a desk seen by the emulated phone\n"
+      "  pocket-ptam budget --phone pi_zero               does it fit? Times, stage by stage\n"
       "  pocket-ptam replay clip.mp4 --fov 50             a video, with a guessed field of view\n"
       "  pocket-ptam cameras                              what can be used live\n"
       "  pocket-ptam live --fov 60                        the first camera; poses on standard output\n"
@@ -59,15 +60,11 @@ int run_program(int argc, char** argv) {
       "written; 2 bad input: nothing was done. The first Ctrl-C (SIGINT, SIGTERM, SIGHUP) ends a run like a recording\n"
       "that breaks off, the second ends the program at once.");
   const std::string command_line = command_of(argc, argv);
-  const std::vector<Command> commands = {add_sim(app, command_line),
-                                         add_replay(app, command_line),
-                                         add_live(app, command_line),
-                                         add_cameras(app),
-                                         add_readout(app, command_line),
-                                         add_calibrate(app, command_line),
-                                         add_eval(app),
-                                         add_map(app),
-                                         add_model(app, command_line)};
+  const std::vector<Command> commands = {
+      add_sim(app, command_line),       add_budget(app),  add_replay(app, command_line),
+      add_live(app, command_line),      add_cameras(app), add_readout(app, command_line),
+      add_calibrate(app, command_line), add_eval(app),    add_map(app),
+      add_model(app, command_line)};
 
   try {
     app.parse(argc, argv);
@@ -89,7 +86,8 @@ int run_program(int argc, char** argv) {
     if (command.options->parsed()) return command.run();
   }
   throw InputError(
-      "no command given: sim, replay, live, cameras, readout, calibrate, eval, map or model; see pocket-ptam --help");
+      "no command given: sim, budget, replay, live, cameras, readout, calibrate, eval, map or model; see pocket-ptam "
+      "--help");
 }
 
 int exit_code_of(int argc, char** argv) {

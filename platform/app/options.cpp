@@ -84,6 +84,37 @@ void add_ground_option(CLI::App* command, RunOptions* run) {
       ->type_name("X,Y");
 }
 
+std::string phone_option_says() {
+  return "A phone's profile, for the work clock: " + joined(laboratory::phone_names()) + ", or a file";
+}
+
+void add_phone_option(CLI::App* command, RunOptions* run, std::optional<laboratory::Phone>* phone) {
+  command
+      ->add_option_function<std::string>(
+          "--phone",
+          [run, phone](const std::string& name) {
+            const laboratory::Phone loaded = laboratory::load_phone(name);
+            laboratory::use_processor(loaded, run);
+            *phone = loaded;
+          },
+          phone_option_says())
+      ->type_name("NAME|FILE")
+      ->excludes("--clock");
+}
+
+void add_trace_option(CLI::App* command, RunOptions* run, OutputOptions* output) {
+  command
+      ->add_option_function<std::string>(
+          "--trace",
+          [run, output](const std::string& file) {
+            output->trace = file;
+            run->keep_trace = true;
+          },
+          "Write what was done when, for ui.perfetto.dev or chrome://tracing; 32 bytes of memory a span until the "
+          "end. Only an earlier trace is replaced")
+      ->type_name("FILE");
+}
+
 void add_show_options(CLI::App* command, ShowOptions* show) {
   static const std::map<std::string, DisplayChoice> kPlaces = {
       {"auto", DisplayChoice::kAuto}, {"window", DisplayChoice::kWindow}, {"screen", DisplayChoice::kScreen}};
@@ -160,6 +191,7 @@ void add_run_options(CLI::App* command, RunOptions* run, OutputOptions* output) 
           "Save the map at the end; an older map is replaced whole or not at all, another file never")
       ->type_name("FILE");
   command->add_flag("--lock-map", run->lock_map, "Track only: a finished or loaded map is not changed any more");
+  add_trace_option(command, run, output);
   command->add_flag("--no-overlay", output->no_overlay, "No overlay.mp4 and stills");
   command->add_flag("--no-report", output->no_report, "No report.html");
 }

@@ -3,12 +3,14 @@
 
 #include <CLI/CLI.hpp>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "platform/camera/recorded_camera.h"
 #include "platform/run/run.h"
 #include "platform/run/screen_show.h"
+#include "sim_phone/laboratory/phone_profile.h"
 
 namespace pptam::app {
 
@@ -16,12 +18,18 @@ namespace pptam::app {
 struct OutputOptions {
   std::string out;
   std::string save_map;
+  std::string trace;  // file; empty: none
   bool no_overlay = false;
   bool no_report = false;
   bool no_progress = false;  // the run shows its own
   platform::ShowOptions show;
 };
 void add_run_options(CLI::App* command, platform::RunOptions* run, OutputOptions* output);
+// --trace.
+void add_trace_option(CLI::App* command, platform::RunOptions* run, OutputOptions* output);
+// --phone: its processor into run too.
+void add_phone_option(CLI::App* command, platform::RunOptions* run, std::optional<laboratory::Phone>* phone);
+std::string phone_option_says();
 // --show and what belongs to it.
 void add_show_options(CLI::App* command, platform::ShowOptions* show);
 // May be repeated.

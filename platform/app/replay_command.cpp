@@ -2,6 +2,7 @@
 
 #include <filesystem>
 #include <memory>
+#include <optional>
 
 #include "platform/app/commands.h"
 #include "platform/app/options.h"
@@ -21,6 +22,7 @@ struct ReplayChoice {
   std::string readout;
   bool images_only = false;
   RunOptions run;
+  std::optional<laboratory::Phone> phone;
   OutputOptions output;
 };
 
@@ -52,9 +54,10 @@ int repeat_live(const ReplayChoice& chosen, const std::string& command_line) {
   if (!input.calibration.empty() || input.options.fov_degrees != 0 || !input.resize.empty() ||
       input.options.every != 1 || input.options.fps != 0 || input.options.rotate_degrees != 0 ||
       !chosen.readout.empty() || !run.taps_s.empty() || run.auto_start || run.plane_distance != 0 ||
-      run.max_keyframes || run.max_erased_keyframes || !run.steady_damping || !run.load_map.empty() || run.lock_map) {
-    throw InputError("recording " + input.source + " repeats what was done live, bit for bit: camera, taps and maps " +
-                     "are in it; with other ones add --images-only");
+      run.max_keyframes || run.max_erased_keyframes || !run.steady_damping || !run.load_map.empty() || run.lock_map ||
+      chosen.phone) {
+    throw InputError("recording " + input.source + " repeats what was done live, bit for bit: camera, taps, maps and " +
+                     "phone are in it; with other ones add --images-only");
   }
   const LiveScript script = read_live_recording(input.source);
   Knowledge knowledge;
@@ -108,6 +111,7 @@ Command add_replay(CLI::App& program, const std::string& command_line) {
   replay->add_flag("--images-only", chosen->images_only,
                    "Of a recording made by live take the images alone; else all is repeated, bit for bit");
   add_run_options(replay, &chosen->run, &chosen->output);
+  add_phone_option(replay, &chosen->run, &chosen->phone);
   add_show_options(replay, &chosen->output.show);
   replay->footer(
       "Examples:\n"
@@ -116,6 +120,7 @@ Command add_replay(CLI::App& program, const std::string& command_line) {
       "  pocket-ptam replay 'frames/img_%04d.png' --fov 60 --fps 15 --tap 2\n"
       "  pocket-ptam replay monday.mp4 --calibration phone.yaml --save-map room.map\n"
       "  pocket-ptam replay tuesday.mp4 --calibration phone.yaml --load-map room.map\n"
+      "  pocket-ptam replay clip.mp4 --fov 50 --phone pi_zero --trace clip.json     that phone's times; for Perfetto\n"
       "  pocket-ptam replay clip.mp4 --fov 50 --show        in a window, or on the screen of a board\n"
       "  pocket-ptam replay desk                            what live --record desk did, bit for bit");
   return {replay, [chosen, command_line] { return replay_recording(*chosen, command_line); }};

@@ -43,6 +43,7 @@ struct SimChoice {
   bool no_noise = false;
   std::vector<std::string> harsh;
   std::string dump;
+  std::optional<laboratory::Phone> profile;
 };
 
 // What was asked of the laboratory.
@@ -172,6 +173,8 @@ std::string footer() {
          "  pocket-ptam sim --scene boxes --seed 3 --out out/boxes3\n"
          "  pocket-ptam sim --story shake --seed 2\n"
          "  pocket-ptam sim --readout rows:+:0.030 --fps 30   another phone's shutter\n"
+         "  pocket-ptam sim --phone pi_zero --trace desk.json  that phone's camera and times, and a trace for "
+         "Perfetto\n"
          "  pocket-ptam sim --show                            as it goes, in a window or on the screen\n"
          "  pocket-ptam sim --dump /tmp/desk                  a sequence for other programs\n"
          "  pocket-ptam sim --harsh people,flicker:0.3 --exposure 0.004\n"
@@ -199,6 +202,7 @@ class SimCommand {
     CLI::Option* story = add_sequence_options(sim, &chosen_);
     add_laboratory_options(sim, story, &studies_);
     add_run_options(sim, &run_, &output_);
+    add_phone_option(sim, &run_, &chosen_.profile);
     add_show_options(sim, &output_.show);
     sim->footer(footer());
   }
@@ -211,6 +215,9 @@ class SimCommand {
     if ((many_runs || !chosen_.dump.empty()) && run_.ground) throw InputError("--ground belongs to a single run");
     if ((many_runs || !chosen_.dump.empty()) && output_.show.where != DisplayChoice::kNowhere)
       throw InputError("--show belongs to a single run");
+    if ((many_runs || !chosen_.dump.empty()) && run_.keep_trace) throw InputError("--trace belongs to a single run");
+    if (chosen_.profile && (!studies_.study.empty() || studies_.endurance_minutes))
+      throw InputError("--phone belongs to a single run, to --suite or to pocket-ptam budget");
     if (studies_.study == "model") return run_model_study();
     if (studies_.suite) return run_suite();
     const bool many_scenes = studies_.study == "culling" || studies_.study == "harsh" ||
@@ -245,6 +252,7 @@ class SimCommand {
   // What is told of the camera, whatever it sees.
   void choose_phone() {
     sim::PhoneOptions& phone = chosen_.phone;
+    adjust(&phone);
     if (!chosen_.readout.empty()) {
       const Readout parsed = parse_readout(chosen_.readout);
       phone.readout_axis = parsed.axis;
@@ -252,10 +260,10 @@ class SimCommand {
     }
     phone.noise = !chosen_.no_noise;
     if (chosen_.frames_per_s) phone.frames_per_s = *chosen_.frames_per_s;
-    adjust(&phone);
   }
 
   void adjust(sim::PhoneOptions* phone) const {
+    if (chosen_.profile) laboratory::use_camera(*chosen_.profile, phone);
     if (chosen_.duration_s) phone->duration_s = *chosen_.duration_s;
     if (chosen_.exposure_s) phone->exposure_s = *chosen_.exposure_s;
     if (chosen_.drop_probability) phone->drop_probability = *chosen_.drop_probability;
@@ -314,6 +322,7 @@ class SimCommand {
     options.version = PPTAM_VERSION;
     if (chosen_.duration_s) options.repeat_options += format(" --duration %g", *chosen_.duration_s);
     if (chosen_.exposure_s) options.repeat_options += format(" --exposure %g", *chosen_.exposure_s);
+    if (chosen_.profile) options.repeat_options += " --phone " + chosen_.profile->name;
     if (chosen_.drop_probability) options.repeat_options += format(" --drop %g", *chosen_.drop_probability);
     if (!chosen_.readout.empty()) options.repeat_options += " --readout " + chosen_.readout;
     if (chosen_.frames_per_s) options.repeat_options += format(" --fps %g", *chosen_.frames_per_s);

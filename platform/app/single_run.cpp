@@ -24,6 +24,7 @@
 #include "platform/run/overlay.h"
 #include "platform/run/report.h"
 #include "platform/run/text_outputs.h"
+#include "platform/run/trace.h"
 #include "platform/text.h"
 
 namespace pptam::app {
@@ -41,6 +42,24 @@ bool is_sound_map(std::span<const std::byte> content) {
   return System::map_info(content, &info).ok();
 }
 
+// A single file's place is not taken by what goes into the folder.
+void check_apart(const std::string& option, const std::string& file, const std::filesystem::path& folder) {
+  for (const char* name : {"", OutputFolder::kListName}) {
+    if (same_place(folder / name, file) || same_place(folder, file))
+      throw InputError(option + " " + file + ": is taken by --out " + folder.string());
+  }
+  // Neither the folder nor one above it, which prepare() may be about to make.
+  const std::filesystem::path whole = std::filesystem::absolute(folder).lexically_normal();
+  for (std::filesystem::path above = whole; above.has_relative_path(); above = above.parent_path()) {
+    if (same_place(above, file))
+      throw InputError(option + " " + file + ": is a folder on the way to --out " + folder.string());
+  }
+  for (const std::string& name : kOutputs) {
+    if (same_place(folder / name, file))
+      throw InputError(option + " " + file + ": is another output's name, of --out " + folder.string());
+  }
+}
+
 // All that is checked before the first frame. Nothing is changed by it.
 void check_map(const RunOptions& run, const OutputOptions& output, const std::filesystem::path& folder,
                const Knowledge& knowledge) {
@@ -49,22 +68,17 @@ void check_map(const RunOptions& run, const OutputOptions& output, const std::fi
   if (!run.save_map) return;
   Inputs inputs = knowledge.inputs;
   inputs.add("the map of --load-map", run.load_map);
-  const std::string option = "--save-map";
   check_map_file(output.save_map, inputs);
-  for (const char* name : {"", OutputFolder::kListName}) {
-    if (same_place(folder / name, output.save_map) || same_place(folder, output.save_map))
-      throw InputError(option + " " + output.save_map + ": is taken by --out " + folder.string());
-  }
-  // Neither the folder nor one above it, which prepare() may be about to make.
-  const std::filesystem::path whole = std::filesystem::absolute(folder).lexically_normal();
-  for (std::filesystem::path above = whole; above.has_relative_path(); above = above.parent_path()) {
-    if (same_place(above, output.save_map))
-      throw InputError(option + " " + output.save_map + ": is a folder on the way to --out " + folder.string());
-  }
-  for (const std::string& name : kOutputs) {
-    if (same_place(folder / name, output.save_map))
-      throw InputError(option + " " + output.save_map + ": is another output's name, of --out " + folder.string());
-  }
+  check_apart("--save-map", output.save_map, folder);
+}
+
+void check_trace(const RunOptions& run, const OutputOptions& output, const std::filesystem::path& folder,
+                 const Knowledge& knowledge) {
+  if (output.trace.empty()) return;
+  Inputs inputs = knowledge.inputs;
+  inputs.add("the map of --load-map", run.load_map);
+  check_trace_file(output, inputs);
+  check_apart("--trace", output.trace, folder);
 }
 
 OutputFolder check_folder(const RunOptions& run, const std::filesystem::path& folder, const Knowledge& knowledge) {
@@ -282,6 +296,17 @@ void check_map_file(const std::string& file, const Inputs& inputs) {
   check_output_file("--save-map", file, inputs, "a sound map", is_sound_map);
 }
 
+void check_trace_file(const OutputOptions& output, const Inputs& inputs) {
+  check_output_file("--trace", output.trace, inputs, "a trace of an earlier run", is_trace);
+  if (!output.save_map.empty() && same_place(output.trace, output.save_map))
+    throw InputError("--trace " + output.trace + ": is where --save-map writes, name another file");
+}
+
+void write_trace_file(const OutputOptions& output, const RunLog& log, const std::string& command_line) {
+  judge_output_file("--trace", output.trace, {}, "a trace of an earlier run", is_trace);  // may have come meanwhile
+  write_text_atomically(output.trace, trace_text(log, command_line));
+}
+
 void write_map_file(const std::string& file, std::span<const std::byte> map) {
   judge_output_file("--save-map", file, {}, "a sound map", is_sound_map);  // may have come meanwhile
   write_atomically(file, map);
@@ -352,6 +377,7 @@ int run_and_write(const std::string& name, const Trajectory& truth, const Runner
       output.out.empty() ? std::filesystem::path("out") / folder_name(name) : std::filesystem::path(output.out);
   OutputFolder folder = check_folder(run_options, place, knowledge);
   check_map(run_options, output, place, knowledge);
+  check_trace(run_options, output, place, knowledge);
   std::vector<std::string> warnings;  // to be printed
   std::unique_ptr<Show> show;
   PointTracks tracks;
@@ -384,11 +410,19 @@ int run_and_write(const std::string& name, const Trajectory& truth, const Runner
     summary.warnings = all_warnings();
   }
   writing.attempt([&] { folder.finish(); });
+  bool traced = false;
+  if (!output.trace.empty()) {
+    writing.attempt([&] {
+      write_trace_file(output, log, command_line);
+      traced = true;
+    });
+  }
 
   print_rows(summarise(log, summary));
   print_written(place, folder);
   for (const std::string& warning : warnings) print_warning(warning);
   if (map_saved) print_line("map saved to " + output.save_map);
+  if (traced) print_line("trace saved to " + output.trace + "; look at it in ui.perfetto.dev");
   if (!log.save_trouble.empty())
     print_error("--save-map " + output.save_map + ": nothing was saved: " + log.save_trouble);
   if (!log.broken.empty())

@@ -45,6 +45,10 @@ int run_and_write(const std::string& name, const platform::Trajectory& truth, co
 void check_map_file(const std::string& file, const platform::Inputs& inputs);
 void write_map_file(const std::string& file, std::span<const std::byte> map);
 
+// --trace likewise.
+void check_trace_file(const OutputOptions& output, const platform::Inputs& inputs);
+void write_trace_file(const OutputOptions& output, const platform::RunLog& log, const std::string& command_line);
+
 // Somebody who watches what the options say: a display, if they name one, and the terminal's keys with it.
 class Watching {
  public:

@@ -65,7 +65,6 @@ class LiveRun {
   bool next_frame(Frame* frame);
   bool fresh_frame(Frame* frame);
   bool stale() const;
-  void map_slice();
   void build();
   void track(const Frame& frame);
   bool meet(CameraEvent event);
@@ -89,10 +88,8 @@ class LiveRun {
   std::unique_ptr<LiveRecording> recording_;
   std::optional<NotedSystem> system_;
   LiveResult result_;
-  int64_t first_ns_ = 0;  // timestamp
-  int64_t begun_ns_ = 0;  // by clock_
-  int slices_ = 0;
-  int64_t mapping_ns_ = 0;
+  int64_t first_ns_ = 0;           // timestamp
+  int64_t begun_ns_ = 0;           // by clock_
   std::vector<RunKey> early_;      // before the first frame
   std::optional<uint32_t> aimed_;  // in the last frame, with a length; none: there is no such frame or point
   GroundChoice ground_;
@@ -153,8 +150,10 @@ bool LiveRun::next_frame(Frame* frame) {
     if (interrupted() || over_) return false;
     if (observer_.key) press(observer_.key());
     const bool busy = session_.system->has_work();
-    if (busy) map_slice();
-    const CameraEvent event = camera_.wait(frame, busy ? 0 : clock_.now_ns() + kLook_ns);
+    if (busy) system_->work_slice();
+    const int64_t wait_from_ns = clock_.now_ns();
+    const CameraEvent event = camera_.wait(frame, busy ? 0 : wait_from_ns + kLook_ns);
+    if (!busy) session_.tracer->add_idle(wait_from_ns);
     if (event == CameraEvent::kFrame) return true;
     if (!meet(event)) return false;
     // A camera that has gone has no times.
@@ -163,13 +162,6 @@ bool LiveRun::next_frame(Frame* frame) {
       return false;
     }
   }
-}
-
-void LiveRun::map_slice() {
-  const int64_t from_ns = clock_.now_ns();
-  system_->work_slice();
-  ++slices_;
-  mapping_ns_ += clock_.now_ns() - from_ns;
 }
 
 // Of a live source, by now.
@@ -245,6 +237,7 @@ void LiveRun::mark() {
 void LiveRun::track(const Frame& frame) {
   RunLog& log = result_.log;
   LiveStatus& status = result_.status;
+  session_.tracer->number(log.source_frames);
   const int64_t start_ns = clock_.now_ns();
   const int64_t start_instructions = session_.system->work_meter().instructions();
   TrackResult result = system_->track(frame);
@@ -286,13 +279,12 @@ void LiveRun::track(const Frame& frame) {
   status.recorded = recording_ ? recording_->frames() : 0;
   status.seconds = 1e-9 * static_cast<double>(saturated_difference(frame.timestamp_ns, first_ns_));
   if (options_.duration_s > 0 && status.seconds >= options_.duration_s) over_ = true;
+  FrameLog entry = log_of(result);
+  session_.tracer->take(&entry);
   if (options_.keep_frames || observer_.show) {
-    FrameLog entry = log_of(result);
     entry.index = index;
     entry.track_ns = tracked_ns - start_ns;
     entry.late_ns = age_ns;
-    entry.mapping_ns = mapping_ns_;
-    entry.idle_slices = slices_;
     entry.instructions = session_.system->work_meter().instructions() - start_instructions;
     if (options_.keep_frames) {
       log.frames.push_back(entry);
@@ -300,8 +292,6 @@ void LiveRun::track(const Frame& frame) {
     }
     if (observer_.show) observer_.show(frame, result, entry, *session_.system);
   }
-  slices_ = 0;
-  mapping_ns_ = 0;
   camera_.give_back();
   if (observer_.on_status) observer_.on_status(status);
 }
@@ -319,6 +309,7 @@ LiveResult LiveRun::finish() {
     log.warnings.emplace_back("--save-map: nothing is saved, there was no map at the end");
   }
   take_map(*session_.system, wanted, &log);
+  log.trace = session_.tracer->events();
   if (recording_) {
     recording_->finish(log.map_hash);
     result_.status.record_trouble = recording_->trouble();

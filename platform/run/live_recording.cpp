@@ -541,6 +541,7 @@ RunLog repeat_live_recording(const LiveScript& script, const RunOptions& options
   settings.clock = options.clock;
   settings.slowdown = options.slowdown;
   settings.save_map = options.save_map;
+  settings.keep_trace = options.keep_trace;
   RunLog log;
   log.camera = script.camera;
   log.clock = options.clock;
@@ -549,19 +550,15 @@ RunLog repeat_live_recording(const LiveScript& script, const RunOptions& options
   Clock& clock = *session.clock;
   log.memory_bytes = session.bytes;
   on_start(log.camera);
-  int slices = 0;
-  int64_t mapping_ns = 0;
   for (const LiveScript::Event& event : script.events) {
     if (interrupted() || log.quit) break;
     try {
-      const int64_t from_ns = clock.now_ns();
       if (event.kind != LiveScript::Kind::kFrame) {
         repeat_call(system, script, event, &log);
-        slices += event.slices;
-        mapping_ns += saturated_difference(clock.now_ns(), from_ns);
         continue;
       }
       const GreyPixels image = read_image(script.folder / event.file);
+      session.tracer->number(log.source_frames);
       const int64_t start_ns = clock.now_ns();
       const int64_t start_instructions = system.work_meter().instructions();
       const Frame frame = {image.px.data(), image.width,        image.height,
@@ -580,8 +577,7 @@ RunLog repeat_live_recording(const LiveScript& script, const RunOptions& options
       entry.index = log.source_frames++;
       entry.track_ns = saturated_difference(clock.now_ns(), start_ns);
       entry.late_ns = entry.track_ns;
-      entry.mapping_ns = std::exchange(mapping_ns, 0);
-      entry.idle_slices = std::exchange(slices, 0);
+      session.tracer->take(&entry);
       entry.instructions = system.work_meter().instructions() - start_instructions;
       log.frames.push_back(entry);
       if (on_frame) on_frame(frame, result, log);
@@ -598,6 +594,7 @@ RunLog repeat_live_recording(const LiveScript& script, const RunOptions& options
   }
   if (interrupted()) log.broken = log.camera.name + ": " + interruption();
   take_map(system, settings, &log);
+  log.trace = session.tracer->events();
   if (!log.quit && log.broken.empty() && script.map_hash && *script.map_hash != log.map_hash && log.differs.empty())
     log.differs = "the map has other bits than that of the live run: was it recorded by another version?";
   return log;

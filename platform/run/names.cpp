@@ -1,6 +1,7 @@
 #include "platform/run/names.h"
 
 #include <cmath>
+#include <iterator>
 
 #include <pocket_ptam/pocket_ptam_c.h>
 #include "platform/text.h"
@@ -120,6 +121,65 @@ const char* name_of(ClockKind clock) {
       return "throttled";
   }
   return "?";
+}
+
+const char* name_of(Span span) {
+  switch (span) {
+    case Span::kFrame:
+      return "frame";
+    case Span::kPyramid:
+      return name_of(Stage::kPyramid);
+    case Span::kRotation:
+      return name_of(Stage::kRotation);
+    case Span::kSearch:
+      return name_of(Stage::kSearch);
+    case Span::kPose:
+      return name_of(Stage::kPose);
+    case Span::kPartial:
+      return name_of(Stage::kPartial);
+    case Span::kInitialise:
+      return name_of(Stage::kInitialise);
+    case Span::kKeyframe:
+      return name_of(Stage::kKeyframe);
+    case Span::kSlice:
+      return "slice";
+    case Span::kFinishMap:
+      return "finish_map";
+    case Span::kInsert:
+      return "insert";
+    case Span::kAdjustNew:
+      return "adjust_new";
+    case Span::kAdjust:
+      return "adjust";
+    case Span::kCull:
+      return "cull";
+    case Span::kTidy:
+      return "tidy";
+    case Span::kCount:
+      break;
+  }
+  return "?";
+}
+
+const char* name_of(TraceWhat what) {
+  static constexpr const char* kCounterNames[] = {"keyframes", "map points", "inliers", "quality"};
+  static_assert(std::size(kCounterNames) == kCounters);
+  switch (what) {
+    case TraceWhat::kCapture:
+      return "capture";
+    case TraceWhat::kDisplay:
+      return "display";
+    case TraceWhat::kIdle:
+      return "idle";
+    case TraceWhat::kDropped:
+      return "dropped";
+    case TraceWhat::kFirstSpan:
+    case TraceWhat::kFirstCounter:
+      break;
+  }
+  if (what < TraceWhat::kFirstCounter) return name_of(static_cast<Span>(what));
+  const size_t counter = static_cast<size_t>(what) - static_cast<size_t>(TraceWhat::kFirstCounter);
+  return counter < std::size(kCounterNames) ? kCounterNames[counter] : "?";
 }
 
 std::string limit_names(uint32_t limits_hit) {

@@ -6,6 +6,7 @@
 
 #include <pocket_ptam/pocket_ptam.h>
 #include "platform/run/clocks.h"
+#include "platform/run/trace_event.h"
 
 namespace pptam::platform {
 
@@ -14,6 +15,8 @@ const char* name_of(TrackingQuality quality);
 const char* name_of(Hint hint);
 const char* name_of(Stage stage);
 const char* name_of(ClockKind clock);
+const char* name_of(Span span);
+const char* name_of(TraceWhat what);
 const char* sentence_for(Hint hint);           // what the user should do; "" for none
 const char* advice_for(Hint hint);             // after a run: what was wrong and what helps; "" for none
 std::string limit_names(uint32_t limits_hit);  // Config fields joined by '|'; "" for none

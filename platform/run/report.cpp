@@ -91,36 +91,105 @@ std::string plot_map(const RunLog& log) {
   return plot_svg(1120, 520, script + "unset multiplot\n");
 }
 
+// The time between two frames, ms; 0 where it is not known.
+double period_of(const RunLog& log) {
+  return log.camera.frames_per_s > 0 ? 1000 / log.camera.frames_per_s : 0;
+}
+
+// A row of a stacked plot: the time, and the sums of the values so far.
+void append_stacked(std::string* data, double time_s, const std::vector<double>& values_ms) {
+  *data += format("%.4f", time_s);
+  double sum_ms = 0;
+  for (const double ms : values_ms) *data += format(" %.4f", sum_ms += ms);
+  *data += '\n';
+}
+
+struct Layer {
+  std::string name;
+  const char* colour;
+};
+
+// "plot" with the layers as areas: cumulative sums, the highest first, each hides the rest below.
+std::string plot_stacked(const char* data, const std::vector<Layer>& layers) {
+  std::string script = "plot ";
+  for (size_t i = layers.size(); i-- > 0;)
+    script += format("%s using 1:%zu with filledcurves x1 lc rgb '%s' title '%s'%s", data, i + 2, layers[i].colour,
+                     layers[i].name.c_str(), i > 0 ? ", " : "");
+  return script;
+}
+
 std::string plot_times(const RunLog& log) {
   static constexpr const char* kColours[kStages] = {"#8da0cb", "#66c2a5", "#4f81bd", "#e78ac3",
                                                     "#ffd92f", "#fc8d62", "#b3b3b3"};
+  std::vector<Layer> layers = {{"capture", "#e5e5e5"}};
+  layers.reserve(kStages + 2);
+  for (int s = 0; s < kStages; ++s) layers.push_back({name_of(static_cast<Stage>(s)), kColours[s]});
+  layers.push_back({"display", "#d0d7e5"});
   std::string data;
-  double highest = 0;
+  std::string late;
+  std::string dropped;
+  double highest_ms = 0;
+  int next_index = 0;
   for (const FrameLog& frame : log.frames) {
-    data += format("%.4f", log.seconds(frame.timestamp_ns));
-    double sum_ms = 0;
-    for (const int64_t ns : frame.stage_ns) data += format(" %.4f", sum_ms += 1e-6 * static_cast<double>(ns));
-    data += format(" %.4f\n", 1e-6 * static_cast<double>(frame.track_ns));
-    highest = std::max({highest, sum_ms, 1e-6 * static_cast<double>(frame.track_ns)});
+    const double t_s = log.seconds(frame.timestamp_ns);
+    std::vector<double> values = {1e-6 * static_cast<double>(frame.capture_ns)};
+    values.reserve(kStages + 2);
+    for (const int64_t ns : frame.stage_ns) values.push_back(1e-6 * static_cast<double>(ns));
+    values.push_back(1e-6 * static_cast<double>(frame.display_ns));
+    append_stacked(&data, t_s, values);
+    const double whole_ms = 1e-6 * static_cast<double>(frame.capture_ns + frame.track_ns + frame.display_ns);
+    highest_ms = std::max(highest_ms, whole_ms);
+    if (is_late(frame, log.camera)) late += format("%.4f %.4f\n", t_s, whole_ms);
+    if (frame.index > next_index) dropped += format("%.4f 0\n", t_s);
+    next_index = frame.index + 1;
   }
-  const double budget_ms = log.camera.frames_per_s > 0 ? 1000 / log.camera.frames_per_s : 0;
-  const bool near_budget = budget_ms > 0 && highest > 0.4 * budget_ms;
-  const double top = 1.15 * (near_budget ? std::max(highest, budget_ms) : highest);
-  std::string script = "$frames << EOD\n" + data + "EOD\n" +
-                       "set xlabel 'time, s'\nset ylabel 'tracking a frame, ms'\nset key outside right top\n" +
+  const double period_ms = period_of(log);
+  const bool near_deadline = period_ms > 0 && highest_ms > 0.25 * period_ms;
+  const double top = 1.15 * (near_deadline ? std::max(highest_ms, period_ms) : highest_ms);
+  std::string script = "$frames << EOD\n" + data + "EOD\n$late << EOD\n" + late + "EOD\n$dropped << EOD\n" + dropped +
+                       "EOD\nset xlabel 'time, s'\nset ylabel 'a frame, ms'\nset key outside right top\n" +
                        format("set yrange [0:%g]\nset xrange [0:*]\n", top > 0 ? top : 1.0);
-  if (near_budget) {
+  if (near_deadline) {
     script += format("set arrow from graph 0,first %g to graph 1,first %g nohead dt 2 lc rgb '#aa0000' front\n",
-                     budget_ms, budget_ms);
+                     period_ms, period_ms);
   }
-  script += "plot ";
-  for (int s = kStages - 1; s >= 0; --s) {  // cumulative sums, the highest first, each hides the rest below
-    script += format("$frames using 1:%d with filledcurves x1 lc rgb '%s' title '%s', ", s + 2, kColours[s],
-                     name_of(static_cast<Stage>(s)));
+  script += plot_stacked("$frames", layers);
+  if (near_deadline) script += ", keyentry with lines dt 2 lc rgb '#aa0000' title 'next frame'";
+  if (!late.empty()) script += ", $late using 1:2 with points pt 7 ps 0.4 lc rgb '#e5484d' title 'late'";
+  if (!dropped.empty()) script += ", $dropped using 1:2 with points pt 9 ps 0.7 lc rgb '#000000' title 'after dropped'";
+  return plot_svg(1120, 380, script + "\n");
+}
+
+std::string plot_idle_time(const RunLog& log) {
+  static constexpr const char* kJobColours[kJobs] = {"#fc8d62", "#66c2a5", "#9ecae1", "#4f81bd", "#e78ac3", "#ffd92f"};
+  std::vector<Layer> layers;
+  layers.reserve(kJobs + 1);
+  for (int job = 0; job < kJobs; ++job) {
+    std::string name = name_of(span_of_job(job));
+    std::replace(name.begin(), name.end(), '_', ' ');
+    layers.push_back({name, kJobColours[job]});
   }
-  return plot_svg(
-      1120, 380,
-      script + format("$frames using 1:%d with lines lw 0.8 lc rgb '#333333' title 'in all'\n", kStages + 2));
+  layers.push_back({"idle", "#eeeeee"});
+  std::string data;
+  std::string slices;
+  for (const FrameLog& frame : log.frames) {
+    const double t_s = log.seconds(frame.timestamp_ns);
+    std::vector<double> values;
+    values.reserve(kJobs + 1);
+    for (const int64_t ns : frame.job_ns) values.push_back(1e-6 * static_cast<double>(ns));
+    values.push_back(1e-6 * static_cast<double>(frame.idle_ns));
+    append_stacked(&data, t_s, values);
+    if (frame.idle_slices > 0) slices += format("%.4f %.4f\n", t_s, 1e-6 * static_cast<double>(frame.longest_slice_ns));
+  }
+  const double end_s = log.seconds(log.frames.back().timestamp_ns);  // both halves are as wide
+  std::string script = "$idle << EOD\n" + data + "EOD\n$slices << EOD\n" + slices +
+                       "EOD\nset multiplot layout 2,1\nset lmargin 9\nset rmargin 20\nset key outside right top\n"
+                       "set yrange [0:*]\nset ylabel 'before a frame, ms'\n" +
+                       format("set xrange [0:%g]\n", std::max(end_s, 0.1)) + plot_stacked("$idle", layers) +
+                       "\nset xlabel 'time, s'\nset ylabel 'longest slice, ms'\n";
+  script += slices.empty() ? "plot [0:1] [0:1] NaN notitle\n"
+                           : "plot $slices using 1:2 with points pt 7 ps 0.3 lc rgb '#4f81bd' title 'slice'\n";
+  return plot_svg(1120, 560, script + "unset multiplot\n");
 }
 
 std::string plot_tracking(const RunLog& log) {
@@ -249,8 +318,11 @@ std::string report_page(const RunLog& log, const RunSummary& summary, const Traj
                [&] { return plot_map(log); });
     }
     if (!log.frames.empty()) {
-      add_plot("Time per frame", "Stages of tracking, stacked; dashed: the time between two frames.",
-               [&] { return plot_times(log); });
+      std::string times = "Capture, stages of tracking and display, stacked.";
+      if (period_of(log) > 0) times += format(" The next frame comes after %.1f ms.", period_of(log));
+      add_plot("Time per frame", times.c_str(), [&] { return plot_times(log); });
+      add_plot("Between frames", "What mapping did with the time, and idle time, stacked.",
+               [&] { return plot_idle_time(log); });
       add_plot("Tracking", "The strip at the bottom shows the state and the quality.",
                [&] { return plot_tracking(log); });
     }

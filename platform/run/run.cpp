@@ -91,6 +91,52 @@ class Taps {
   size_t next_ = 0;
 };
 
+// When frames arrive, by the run's clock.
+class Timetable {
+ public:
+  Timetable(int64_t first_timestamp_ns, int64_t now_ns)
+      : origin_ns_(saturated_difference(now_ns, first_timestamp_ns)) {}
+
+  int64_t arrival_ns(int64_t timestamp_ns) const { return saturated_sum(origin_ns_, timestamp_ns); }
+  // Nobody shall wait for hours: a frame that comes later than so long from now is brought nearer, and all that follow.
+  int64_t arrival_in_time_ns(int64_t timestamp_ns, int64_t now_ns, int64_t max_wait_ns) {
+    const int64_t at_ns = arrival_ns(timestamp_ns);
+    const int64_t too_long_ns = saturated_difference(saturated_difference(at_ns, now_ns), max_wait_ns);
+    if (too_long_ns <= 0) return at_ns;
+    passed_over_ns_ = saturated_sum(passed_over_ns_, too_long_ns);
+    origin_ns_ = saturated_difference(origin_ns_, too_long_ns);
+    return saturated_sum(now_ns, max_wait_ns);
+  }
+  double passed_over_s() const { return 1e-9 * static_cast<double>(passed_over_ns_); }
+
+ private:
+  int64_t origin_ns_;
+  int64_t passed_over_ns_ = 0;
+};
+
+// The time until a frame arrives is mapping's, and then idle. Returns whether mapping has more to do. For a frame that
+// comes late there is one slice, as live: where tracking alone takes all the time there would be no map.
+bool map_until(int64_t arrival_ns, const Session& session) {
+  System& system = *session.system;
+  Clock& clock = *session.clock;
+  if (clock.now_ns() > arrival_ns && system.has_work()) system.work_slice();
+  while (clock.now_ns() < arrival_ns && system.has_work()) system.work_slice();
+  const int64_t idle_from_ns = clock.now_ns();
+  clock.idle_until(arrival_ns);
+  if (idle_from_ns < arrival_ns) session.tracer->add_idle(idle_from_ns);
+  return system.has_work();
+}
+
+// Lets so much of the phone's time pass. Returns how much did.
+int64_t spend(TraceWhat what, int64_t ns, int frame, const Session& session) {
+  if (ns <= 0) return 0;
+  const int64_t from_ns = session.clock->now_ns();
+  session.clock->idle_until(saturated_sum(from_ns, ns));
+  const int64_t to_ns = session.clock->now_ns();
+  session.tracer->add(what, from_ns, to_ns, frame);
+  return saturated_difference(to_ns, from_ns);
+}
+
 // Whether the spectator's key, if any, is to end the run; another one is obeyed.
 bool quits(const Spectator& spectator, System* system, RunLog* log) {
   const SystemCalls calls = {[system] { system->tap(); }, [system] { system->reset(); },
@@ -114,7 +160,9 @@ RunLog run_sequence(Camera& camera, const RunOptions& options, const StartObserv
   const Session session = make_session(log.camera, options);
   System* const system = session.system;
   Clock* const clock = session.clock.get();
+  RunTracer* const tracer = session.tracer.get();
   log.memory_bytes = session.bytes;
+  log.memory_parts = session.parts;
 
   LookAhead source(camera, &log.broken);
   if (!source.advance()) throw InputError(log.camera.name + ": holds no images");
@@ -122,9 +170,8 @@ RunLog run_sequence(Camera& camera, const RunOptions& options, const StartObserv
   GroundChoice ground(options.ground);
   Taps taps(options.taps_s, options.auto_start, !options.load_map.empty());
   const int64_t first_timestamp_ns = source.current().timestamp_ns;
-  int64_t origin_ns = saturated_difference(clock->now_ns(), first_timestamp_ns);
+  Timetable timetable(first_timestamp_ns, clock->now_ns());
   const int64_t max_wait_ns = static_cast<int64_t>(1e9 * options.max_wait_s);
-  int64_t passed_over_ns = 0;
   const auto advance = [&](int64_t since_ns) {
     const bool more = source.advance();
     clock->forget_since(since_ns);  // reading the source and drawing
@@ -134,29 +181,22 @@ RunLog run_sequence(Camera& camera, const RunOptions& options, const StartObserv
   do {
     const int index = log.source_frames++;
     const Frame& frame = source.current();
-    int64_t arrival_ns = saturated_sum(origin_ns, frame.timestamp_ns);
     const auto next_ns = source.next_timestamp_ns();
-    if (options.drop_late && next_ns && clock->now_ns() >= saturated_sum(origin_ns, *next_ns)) {
+    if (options.drop_late && next_ns && clock->now_ns() >= timetable.arrival_ns(*next_ns)) {
       ++log.dropped;
       end_ns = clock->now_ns();
+      tracer->add(TraceWhat::kDropped, end_ns, end_ns, index);
       continue;
     }
-    const int64_t idle_from_ns = clock->now_ns();
-    if (options.clock == ClockKind::kSteady) {  // nobody shall wait for hours
-      const int64_t too_long_ns = saturated_difference(saturated_difference(arrival_ns, idle_from_ns), max_wait_ns);
-      if (too_long_ns > 0) {
-        passed_over_ns = saturated_sum(passed_over_ns, too_long_ns);
-        origin_ns = saturated_difference(origin_ns, too_long_ns);
-        arrival_ns = saturated_sum(idle_from_ns, max_wait_ns);
-      }
-    }
-    int slices = 0;
-    for (; clock->now_ns() < arrival_ns && system->has_work(); ++slices) system->work_slice();
-    const int64_t idle_to_ns = clock->now_ns();
-    clock->idle_until(arrival_ns);
+    const int64_t arrival_ns = options.clock == ClockKind::kSteady
+                                   ? timetable.arrival_in_time_ns(frame.timestamp_ns, clock->now_ns(), max_wait_ns)
+                                   : timetable.arrival_ns(frame.timestamp_ns);
+    const bool work_left = map_until(arrival_ns, session);
+    const int64_t capture_ns = spend(TraceWhat::kCapture, options.capture_ns, index, session);
 
     if (taps.due(1e-9 * static_cast<double>(saturated_difference(frame.timestamp_ns, first_timestamp_ns)), log))
       system->tap();
+    tracer->number(index);
     const int64_t start_ns = clock->now_ns();
     const int64_t start_instructions = system->work_meter().instructions();
     TrackResult result = system->track(frame);
@@ -173,8 +213,11 @@ RunLog run_sequence(Camera& camera, const RunOptions& options, const StartObserv
     entry.index = index;
     entry.track_ns = end_ns - start_ns;
     entry.late_ns = saturated_difference(end_ns, arrival_ns);
-    entry.mapping_ns = idle_to_ns - idle_from_ns;
-    entry.idle_slices = slices;
+    tracer->take(&entry);
+    entry.work_left = work_left;
+    entry.capture_ns = capture_ns;
+    entry.display_ns = spend(TraceWhat::kDisplay, options.display_ns, index, session);
+    end_ns = clock->now_ns();
     entry.instructions = system->work_meter().instructions() - start_instructions;
     if (options.hash_every > 0 && index % options.hash_every == 0) entry.map_hash = map_hash(*system);
     log.frames.push_back(entry);
@@ -186,12 +229,13 @@ RunLog run_sequence(Camera& camera, const RunOptions& options, const StartObserv
 
   log.warnings = camera.remarks();
   if (!ground.trouble().empty()) log.warnings.push_back(ground.trouble());
-  if (passed_over_ns > 0) {
+  if (timetable.passed_over_s() > 0) {
     log.warnings.push_back(log.camera.name + format(": --clock steady: pauses longer than %.3g s were cut to that, by "
                                                     "%.0f s in all; --clock work keeps them",
-                                                    options.max_wait_s, 1e-9 * static_cast<double>(passed_over_ns)));
+                                                    options.max_wait_s, timetable.passed_over_s()));
   }
   take_map(*system, options, &log);
+  log.trace = tracer->events();
   return log;
 }
 

@@ -117,13 +117,32 @@ CostSummary cost_of(const RunLog& log) {
     cost.mean_ms += ms;
     cost.worst_ms = std::max(cost.worst_ms, ms);
     cost.mean_minstructions += 1e-6 * static_cast<double>(frame.instructions);
+    for (int s = 0; s < kStages; ++s) cost.stage_ms[s] += 1e-6 * static_cast<double>(frame.stage_ns[s]);
     ++count;
   }
   if (count > 0) {
     cost.mean_ms /= count;
     cost.mean_minstructions /= count;
+    for (double& ms : cost.stage_ms) ms /= count;
   }
   return cost;
+}
+
+bool is_late(const FrameLog& frame, const CameraInfo& camera) {
+  return camera.frames_per_s > 0 && 1e-9 * static_cast<double>(frame.late_ns) > 1 / camera.frames_per_s;
+}
+
+void ProcessorTime::add(const RunLog& log) {
+  for (const FrameLog& frame : log.frames) {
+    tracking_ns += frame.track_ns;
+    capture_display_ns += frame.capture_ns + frame.display_ns;
+    mapping_ns += frame.mapping_ns;
+    idle_ns += frame.idle_ns;
+    longest_slice_ns = std::max(longest_slice_ns, frame.longest_slice_ns);
+    ++frames;
+    late += is_late(frame, log.camera) ? 1 : 0;
+    work_left += frame.work_left ? 1 : 0;
+  }
 }
 
 }  // namespace pptam::platform

@@ -10,6 +10,7 @@
 #include <pocket_ptam/inspection.h>
 #include "platform/camera.h"
 #include "platform/run/clocks.h"
+#include "platform/run/trace_event.h"
 #include "platform/trajectory.h"
 
 namespace pptam::platform {
@@ -36,10 +37,16 @@ struct FrameLog {
   int map = 0, maps = 0;  // TrackResult's
   int keyframes = 0, erased_keyframes = 0, map_points = 0;
   int64_t stage_ns[kStages] = {};
-  int64_t track_ns = 0;      // the whole call of track()
-  int64_t late_ns = 0;       // from the frame's arrival to its result
-  int64_t mapping_ns = 0;    // slices given before this frame
-  int idle_slices = 0;       // their number
+  int64_t track_ns = 0;                    // the whole call of track()
+  int64_t late_ns = 0;                     // from the frame's arrival to its result
+  int64_t capture_ns = 0, display_ns = 0;  // what the phone's camera and display took (RunOptions)
+  // Before this frame: slices of mapping, their number, the longest one and what they worked on; and idle time.
+  int64_t mapping_ns = 0;
+  int idle_slices = 0;
+  int64_t longest_slice_ns = 0;
+  int64_t job_ns[kJobs] = {};
+  int64_t idle_ns = 0;
+  bool work_left = false;    // mapping had not finished when the frame came
   int64_t instructions = 0;  // modelled, of track()
   uint64_t map_hash = 0;     // of every RunOptions::hash_every-th frame of the source
 };
@@ -58,6 +65,8 @@ struct RunLog {
   MapFit map_fit;
   int map_parts = 0;  // System::map_parts(kHoldingPoints): 1 for a sound map, 0 without one
   int64_t memory_bytes = 0;
+  MemoryParts memory_parts;           // of these, as asked for
+  std::vector<TraceEvent> trace;      // in the order in which they began; if RunOptions ask for it
   std::vector<std::byte> saved_map;   // if RunOptions ask for it
   std::string save_trouble;           // why it is empty although they do
   bool quit = false;                  // by a key, before the source's end
@@ -90,8 +99,29 @@ Eigen::Isometry3d camera_to_world(const SE3& T_cw);
 
 struct CostSummary {  // of the frames tracked with a map
   double mean_ms = 0, worst_ms = 0;
+  double stage_ms[kStages] = {};  // mean
   double mean_minstructions = 0;  // millions
 };
 CostSummary cost_of(const RunLog& log);
+
+// Where the processor's time went, from the first frame to the last.
+struct ProcessorTime {
+  int64_t tracking_ns = 0, capture_display_ns = 0, mapping_ns = 0, idle_ns = 0;
+  int64_t longest_slice_ns = 0;
+  int frames = 0;
+  int late = 0;       // frames whose result came after the next frame
+  int work_left = 0;  // frames that came before mapping was done
+
+  void add(const RunLog& log);
+  int64_t all_ns() const { return tracking_ns + capture_display_ns + mapping_ns + idle_ns; }
+  double share(int64_t ns) const { return all_ns() > 0 ? static_cast<double>(ns) / static_cast<double>(all_ns()) : 0; }
+  double work_left_share() const { return frames > 0 ? static_cast<double>(work_left) / frames : 0; }
+};
+// Whether the result came after the next frame.
+bool is_late(const FrameLog& frame, const CameraInfo& camera);
+// Share of the time that frames must leave to mapping, or it starves. The 412 MHz phone has 27 million instructions in
+// a tenth of a second, and a new keyframe in a map of usual size takes a few hundred million until all is adjusted. Not
+// swept.
+constexpr double kLeastForMapping = 0.1;
 
 }  // namespace pptam::platform

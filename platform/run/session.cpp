@@ -75,6 +75,7 @@ FrameLog log_of(const TrackResult& result) {
 
 Session make_session(const CameraInfo& camera, const RunOptions& options) {
   Config config = config_for(camera);
+  config.profile = options.processor;
   config.auto_start = options.auto_start;
   config.initial_plane_distance = static_cast<float>(options.plane_distance);
   config.steady_damping = options.steady_damping;
@@ -87,6 +88,7 @@ Session make_session(const CameraInfo& camera, const RunOptions& options) {
   Session session;
   const size_t bytes = System::required_bytes(config);
   session.bytes = static_cast<int64_t>(bytes);
+  session.parts = System::required_parts(config);
   try {
     session.memory.resize((bytes + sizeof(std::max_align_t) - 1) / sizeof(std::max_align_t));
   } catch (const std::exception&) {
@@ -96,6 +98,8 @@ Session make_session(const CameraInfo& camera, const RunOptions& options) {
   require(System::create(config, std::as_writable_bytes(std::span(session.memory)), &session.system));
   session.clock = make_clock(options, *session.system);
   session.system->set_clock(session.clock.get());
+  session.tracer = std::make_unique<RunTracer>(*session.clock, options.keep_trace);
+  session.system->set_tracer(session.tracer.get());
   session.system->set_locked(options.lock_map);
   if (!options.load_map.empty()) {
     const Status status = session.system->load_map(read_map_file(options.load_map));

@@ -15,13 +15,18 @@
 #include "platform/camera.h"
 #include "platform/run/clocks.h"
 #include "platform/run/run_log.h"
+#include "platform/run/trace.h"
 
 namespace pptam::platform {
 
 struct RunOptions {
   ClockKind clock = ClockKind::kWork;
-  double slowdown = 30;   // throttled clock: a desktop core against a 412 MHz ARM1176, roughly
-  double max_wait_s = 5;  // for a frame, by the steady clock; longer pauses of a source are cut to it. Not swept
+  // The work clock's phone: its processor, and what of its time each frame's capture and display take.
+  PhoneProfile processor;
+  int64_t capture_ns = 0, display_ns = 0;
+  bool keep_trace = false;  // RunLog::trace
+  double slowdown = 30;     // throttled clock: a desktop core against a 412 MHz ARM1176, roughly
+  double max_wait_s = 5;    // for a frame, by the steady clock; longer pauses of a source are cut to it. Not swept
   bool drop_late = true;
   // Seconds after the first frame. Empty: at the first frame, and again whenever initialisation has failed.
   std::vector<double> taps_s;
@@ -36,12 +41,14 @@ struct RunOptions {
   std::optional<int> max_keyframes, max_erased_keyframes;  // Config's own without them
 };
 
-// The system in its memory, and the time that it lives in.
+// The system in its memory, the time that it lives in, and who listens to what it does.
 struct Session {
   std::vector<std::max_align_t> memory;
   int64_t bytes = 0;  // asked for
+  MemoryParts parts;  // of these
   System* system = nullptr;
   std::unique_ptr<Clock> clock;
+  std::unique_ptr<RunTracer> tracer;
 };
 
 // With the map of the options, if they name one. Throws InputError.

@@ -92,6 +92,25 @@ std::string longest_misfit(const RunLog& log) {
       from_s, longest_s);
 }
 
+// Where the time went, and what was too slow.
+void append_processor(const RunLog& log, std::vector<SummaryRow>* rows) {
+  ProcessorTime time;
+  time.add(log);
+  if (time.all_ns() == 0) return;
+  const auto percent = [&](int64_t ns) { return 100 * time.share(ns); };
+  std::string text = format("tracking %.1f %% of the time", percent(time.tracking_ns));
+  if (time.capture_display_ns > 0) text += format(", capture and display %.1f %%", percent(time.capture_display_ns));
+  rows->push_back(
+      {"processor", text + format(", mapping %.1f %%, idle %.1f %%; longest slice %.2f ms", percent(time.mapping_ns),
+                                  percent(time.idle_ns), 1e-6 * static_cast<double>(time.longest_slice_ns))});
+  if (time.late > 0) rows->push_back({"late", format("%d results came after the next frame", time.late)});
+  if (time.work_left > 0 && time.share(time.mapping_ns + time.idle_ns) < kLeastForMapping) {
+    rows->push_back({"  why", format("mapping starves: tracking leaves it %.1f %% of the time, and it was not done at "
+                                     "%.0f %% of the frames: smaller images (--resize WxH) or fewer of them",
+                                     percent(time.mapping_ns + time.idle_ns), 100 * time.work_left_share())});
+  }
+}
+
 }  // namespace
 
 std::vector<SummaryRow> summarise(const Evaluation& e) {
@@ -154,7 +173,12 @@ std::vector<SummaryRow> summarise(const RunLog& log, const RunSummary& summary) 
     rows.push_back(
         {"a tracked frame", format("%.1f ms, %.1f at worst (%s clock); %.2f million instructions (modelled)",
                                    cost.mean_ms, cost.worst_ms, name_of(log.clock), cost.mean_minstructions)});
+    std::string stages;
+    for (int s = 0; s < kStages; ++s)
+      stages += format("%s%s %.2f", stages.empty() ? "" : ", ", name_of(static_cast<Stage>(s)), cost.stage_ms[s]);
+    rows.push_back({"  of it", stages + " ms"});
   }
+  append_processor(log, &rows);
   rows.push_back({"memory", format("%.1f MB", 1e-6 * static_cast<double>(log.memory_bytes))});
   const std::string limits = limits_of(log);
   if (!limits.empty()) rows.push_back({"limits reached", limits});

@@ -32,7 +32,9 @@ std::string frames_text(const RunLog& log) {
       "map,maps,keyframes,erased_keyframes,"
       "map_points,blurred,misfit,keyframe_added,limits,instructions";
   for (int s = 0; s < kStages; ++s) out.append(",").append(name_of(static_cast<Stage>(s))).append("_us");
-  out += ",track_us,late_us,mapping_us,idle_slices\n";
+  out += ",track_us,late_us,capture_us,display_us,mapping_us,idle_slices,longest_slice_us";
+  for (int job = 0; job < kJobs; ++job) out.append(",").append(name_of(span_of_job(job))).append("_us");
+  out += ",idle_us,work_left\n";
   char line[512];
   for (const FrameLog& f : log.frames) {
     std::snprintf(line, sizeof line, "%d,%.6f,%s,%s,%s,%.3f,%d,%d,%d,%d,%d,%d,%d,%d,%d,%d,%d,%d,%d,", f.index,
@@ -42,8 +44,11 @@ std::string frames_text(const RunLog& log) {
                   f.blurred ? 1 : 0, f.misfit ? 1 : 0, f.keyframe_added ? 1 : 0);
     out += line + limit_names(f.limits_hit) + format(",%" PRId64, f.instructions);
     for (const int64_t ns : f.stage_ns) out += format(",%" PRId64, ns / 1000);
-    out += format(",%" PRId64 ",%" PRId64 ",%" PRId64 ",%d\n", f.track_ns / 1000, f.late_ns / 1000, f.mapping_ns / 1000,
-                  f.idle_slices);
+    for (const int64_t ns : {f.track_ns, f.late_ns, f.capture_ns, f.display_ns, f.mapping_ns})
+      out += format(",%" PRId64, ns / 1000);
+    out += format(",%d,%" PRId64, f.idle_slices, f.longest_slice_ns / 1000);
+    for (const int64_t ns : f.job_ns) out += format(",%" PRId64, ns / 1000);
+    out += format(",%" PRId64 ",%d\n", f.idle_ns / 1000, f.work_left ? 1 : 0);
   }
   return out;
 }

@@ -69,11 +69,11 @@ std::string tum_file(int poses, double scale) {
 TEST_F(Program, HelpShowsEveryCommandWithExamples) {
   const Answer help = run("--help");
   EXPECT_EQ(help.code, 0);
-  for (const char* part :
-       {"sim", "replay", "live", "cameras", "readout", "calibrate", "eval", "map", "model", "Examples:", "Exit codes"})
+  for (const char* part : {"sim", "budget", "replay", "live", "cameras", "readout", "calibrate", "eval", "map", "model",
+                           "Examples:", "Exit codes"})
     EXPECT_TRUE(contains(help.out, part));
-  for (const char* command :
-       {"sim", "replay", "live", "cameras", "readout", "calibrate", "eval", "map", "map info", "map export", "model"}) {
+  for (const char* command : {"sim", "budget", "replay", "live", "cameras", "readout", "calibrate", "eval", "map",
+                              "map info", "map export", "model"}) {
     const Answer answer = run(std::string(command) + " --help");
     EXPECT_EQ(answer.code, 0) << command;
     EXPECT_TRUE(contains(answer.out, "Example")) << command;

@@ -15,7 +15,7 @@
 cmake_minimum_required(VERSION 3.25)
 
 set(API "pocket_ptam/")
-set(VALUES "status|image|se3|camera_model|camera|clock|work_meter|config|track_result|map_info|model_tracker")
+set(VALUES "status|image|se3|camera_model|camera|clock|work_meter|config|track_result|tracer|map_info|model_tracker")
 set(VALUES "pocket_ptam/(${VALUES})\\.h")
 
 set(ALLOWED_core/pocket_ptam "pocket_ptam/")

@@ -1,0 +1,107 @@
+// pocket-ptam budget: does it fit a phone?
+
+#include <memory>
+#include <optional>
+
+#include "platform/app/commands.h"
+#include "platform/app/options.h"
+#include "platform/files.h"
+#include "platform/input_error.h"
+#include "platform/outputs.h"
+#include "platform/run/console.h"
+#include "platform/run/interruption.h"
+#include "platform/text.h"
+#include "platform/text_file.h"
+#include "sim_phone/laboratory/budget.h"
+#include "sim_phone/laboratory/budget_baseline.h"
+
+namespace pptam::app {
+namespace {
+
+using namespace platform;
+
+struct BudgetChoice {
+  std::string phone = "iphone3g";
+  laboratory::BudgetOptions budget;
+  std::string save, compare;
+};
+
+int run_budget(BudgetChoice* chosen) {
+  laboratory::BudgetOptions& budget = chosen->budget;
+  budget.phone = laboratory::load_phone(chosen->phone);
+  if (budget.stories.empty()) budget.stories = laboratory::budget_stories();
+  Inputs inputs;
+  for (const std::string& name : laboratory::phone_names())
+    if (name == chosen->phone) chosen->phone.clear();
+  inputs.add("the phone's profile", chosen->phone);
+  inputs.add("the baseline of --compare", chosen->compare);
+  laboratory::check_budget(budget);
+  laboratory::Baseline before;
+  if (!chosen->compare.empty()) {
+    const std::string text = read_text(chosen->compare, laboratory::kMaxBaselineBytes);
+    before = laboratory::read_baseline(text, chosen->compare, budget);
+  }
+  if (!chosen->save.empty())
+    check_output_file("--save", chosen->save, inputs, "an earlier baseline", laboratory::is_baseline);
+  stop_on_signals();
+  const laboratory::BudgetReport report = laboratory::measure_budget(budget);
+  // Nothing of it holds for stories that were cut short.
+  for (const std::string& broken : report.broken) print_error(broken);
+  if (!report.broken.empty()) return kExitBroken;
+  laboratory::print_budget(budget, report);
+  bool good = report.faults.empty();
+  if (!chosen->compare.empty()) {
+    const laboratory::BudgetComparison comparison = laboratory::compare(before, report);
+    print_line("");
+    laboratory::print_comparison(comparison);
+    good = good && comparison.dearer.empty();
+  }
+  if (!chosen->save.empty()) {
+    write_text_atomically(chosen->save, laboratory::baseline_text(budget, report));
+    print_line("baseline saved to " + chosen->save);
+  }
+  return good ? kExitOk : kExitBroken;
+}
+
+}  // namespace
+
+Command add_budget(CLI::App& program) {
+  CLI::App* command = program.add_subcommand("budget", "Does it fit a phone? Times by the work clock, a verdict");
+  const auto chosen = std::make_shared<BudgetChoice>();
+  command->add_option("--phone", chosen->phone, phone_option_says() + " [iphone3g]")->type_name("NAME|FILE");
+  command
+      ->add_option("--story", chosen->budget.stories,
+                   "One of pocket-ptam sim --help's stories; may be repeated [the sixteen of calm and quick hands]")
+      ->type_name("NAME")
+      ->expected(1)
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
+  command->add_option("--seed", chosen->budget.seed, "Of the stories")->capture_default_str()->type_name("N");
+  command->add_option("--jobs", chosen->budget.jobs, "Threads")
+      ->capture_default_str()
+      ->check(CLI::Range(1, 256))
+      ->type_name("N");
+  command
+      ->add_option("--save", chosen->save, "Keep the stages' means as a baseline; only an earlier baseline is replaced")
+      ->type_name("FILE");
+  command
+      ->add_option("--compare", chosen->compare,
+                   format("Compare with a baseline of the same stories: a stage that has grown by more than %g %% of "
+                          "itself, or by %g %% of a frame, is named, and the exit code is 1",
+                          100 * laboratory::kStageTolerance, 100 * laboratory::kFrameTolerance))
+      ->type_name("FILE");
+  command->footer(
+      "It fits when no frame is dropped, the worst one takes no longer than the time between two, with capture and\n"
+      "display, and a tenth of the time is left to mapping. The same command gives the same figures on every "
+      "computer.\n"
+      "Exit codes: 0 it fits; 1 it does not, or a stage has become dearer; 2 bad input.\n"
+      "Examples:\n"
+      "  pocket-ptam budget --phone iphone3g                      all sixteen stories\n"
+      "  pocket-ptam budget --phone pi_zero --story desk_calm --seed 3\n"
+      "  pocket-ptam budget --phone myphone.yaml --jobs 2         a profile of one's own: sim_phone/README.md\n"
+      "  pocket-ptam budget --save before.csv                     then change something, and\n"
+      "  pocket-ptam budget --compare before.csv                  see which stage has become dearer\n"
+      "  pocket-ptam sim --phone iphone3g --trace desk.json       one run's trace, for ui.perfetto.dev");
+  return {command, [chosen] { return run_budget(chosen.get()); }};
+}
+
+}  // namespace pptam::app

@@ -1,0 +1,128 @@
+#include "sim_phone/laboratory/budget_baseline.h"
+
+#include <charconv>
+#include <string_view>
+
+#include "platform/input_error.h"
+#include "platform/outputs.h"
+#include "platform/run/console.h"
+#include "platform/run/names.h"
+#include "platform/text.h"
+
+namespace pptam::laboratory {
+namespace {
+
+using namespace platform;
+
+constexpr std::string_view kBaselineHead = "# pocket-ptam budget 1";
+
+// What two budgets must have in common to be compared.
+std::string circumstances(const BudgetOptions& options) {
+  const sim::PhoneOptions phone = phone_of(options, options.stories.at(0));
+  return format("# %dx%d, %.6g frames/s, seed %llu: ", phone.width, phone.height, phone.frames_per_s,
+                static_cast<unsigned long long>(options.seed)) +
+         joined(options.stories);
+}
+
+struct Figure {
+  std::string what;
+  double mean_ms;
+};
+
+// Stages by their mean over the frames that have them.
+std::vector<Figure> figures_of(const BudgetReport& report) {
+  std::vector<Figure> figures;
+  figures.reserve(kStages + 1);
+  for (int s = 0; s < kStages; ++s) figures.push_back({name_of(static_cast<Stage>(s)), 1e-6 * report.stages[s].mean});
+  figures.push_back({"tracking", 1e-6 * report.tracking.mean});
+  return figures;
+}
+
+std::vector<std::string_view> lines_of(std::string_view text) {
+  std::vector<std::string_view> lines;
+  while (!text.empty()) {
+    const size_t end = text.find('\n');
+    std::string_view line = text.substr(0, end);
+    if (line.ends_with('\r')) line.remove_suffix(1);
+    lines.push_back(line);
+    text.remove_prefix(end == std::string_view::npos ? text.size() : end + 1);
+  }
+  return lines;
+}
+
+}  // namespace
+
+std::string baseline_text(const BudgetOptions& options, const BudgetReport& report) {
+  std::string text = std::string(kBaselineHead) + ", " + std::string(kOpenSeal) + "\n" + circumstances(options) +
+                     "\n# phone " + printable(options.phone.name) + "\nstage,mean_ms\n";
+  for (const Figure& figure : figures_of(report)) text += figure.what + format(",%.6f\n", figure.mean_ms);
+  return sealed(std::move(text));
+}
+
+bool is_baseline(std::span<const std::byte> content) {
+  const std::string_view text(reinterpret_cast<const char*>(content.data()), content.size());
+  return text.starts_with(kBaselineHead) && is_sealed(content);
+}
+
+Baseline read_baseline(const std::string& text, const std::string& name, const BudgetOptions& options) {
+  const auto refuse = [&](const std::string& why) -> InputError {
+    return InputError("--compare " + name + ": " + why);
+  };
+  const std::vector<std::string_view> lines = lines_of(text);
+  if (lines.size() < 3 || !lines[0].starts_with(kBaselineHead))
+    throw refuse("is not a baseline that --save has written");
+  if (lines[1] != circumstances(options))
+    throw refuse("was made of something else: there '" + std::string(lines[1].substr(0, 200)) + "', here '" +
+                 circumstances(options) + "'");
+  Baseline baseline;
+  for (const std::string_view line : lines) {
+    const size_t comma = line.find(',');
+    if (line.starts_with('#') || line.starts_with("stage,") || comma == std::string_view::npos) continue;
+    double value = 0;
+    const std::string_view number = line.substr(comma + 1);
+    const auto [end, error] = std::from_chars(number.data(), number.data() + number.size(), value);
+    if (error != std::errc() || end != number.data() + number.size() || !(value >= 0 && value < 1e9))
+      throw refuse("'" + std::string(line.substr(0, 80)) + "' holds no time");
+    baseline[std::string(line.substr(0, comma))] = value;
+  }
+  for (const Figure& figure : figures_of({}))
+    if (!baseline.contains(figure.what)) throw refuse("has no line for " + figure.what);
+  return baseline;
+}
+
+BudgetComparison compare(const Baseline& before, const BudgetReport& report) {
+  const double frame_ms = before.at("tracking");
+  BudgetComparison comparison;
+  for (const Figure& figure : figures_of(report)) {
+    BudgetChange change = {figure.what, before.at(figure.what), figure.mean_ms, false};
+    const double grown_ms = change.now_ms - change.before_ms;
+    const bool whole = figure.what == "tracking";
+    change.dearer = (!whole && grown_ms > kStageTolerance * change.before_ms) || grown_ms > kFrameTolerance * frame_ms;
+    if (change.dearer) {
+      comparison.dearer.push_back(format("%s takes %.3f ms in place of %.3f: %+.1f %%, %+.1f %% of a frame",
+                                         change.what.c_str(), change.now_ms, change.before_ms,
+                                         change.before_ms > 0 ? 100 * grown_ms / change.before_ms : 0.0,
+                                         frame_ms > 0 ? 100 * grown_ms / frame_ms : 0.0));
+    }
+    comparison.changes.push_back(change);
+  }
+  return comparison;
+}
+
+void print_comparison(const BudgetComparison& comparison) {
+  std::vector<std::vector<std::string>> rows;
+  rows.reserve(comparison.changes.size());
+  for (const BudgetChange& change : comparison.changes) {
+    rows.push_back({change.what, format("%.3f", change.before_ms), format("%.3f", change.now_ms),
+                    change.before_ms > 0 ? format("%+.1f", 100 * (change.now_ms / change.before_ms - 1)) : "-",
+                    change.dearer ? "dearer" : ""});
+  }
+  print_table({"stage, mean ms", "before", "now", "%", ""}, rows);
+  if (comparison.dearer.empty()) {
+    print_line(format("no stage has become dearer by more than %g %% of itself or %g %% of a frame",
+                      100 * kStageTolerance, 100 * kFrameTolerance));
+  }
+  for (const std::string& line : comparison.dearer) print_line("dearer: " + line);
+}
+
+}  // namespace pptam::laboratory
