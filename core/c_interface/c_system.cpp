@@ -33,6 +33,20 @@ class CallbackClock final : public Clock {
   void* user_ = nullptr;
 };
 
+class CallbackTracer final : public Tracer {
+ public:
+  CallbackTracer() = default;
+  explicit CallbackTracer(const pptam_tracer& callbacks) : callbacks_(callbacks) {}
+  void begin(Span span) override { callbacks_.begin(callbacks_.user, static_cast<int32_t>(span)); }
+  void end(Span span) override { callbacks_.end(callbacks_.user, static_cast<int32_t>(span)); }
+  void count(Counter counter, int64_t value) override {
+    callbacks_.count(callbacks_.user, static_cast<int32_t>(counter), value);
+  }
+
+ private:
+  pptam_tracer callbacks_ = {};
+};
+
 Config config_from(const pptam_config& c) {
   Config config = Config::phone({});
   config.camera = camera_from(c.camera);
@@ -207,6 +221,7 @@ pptam_status copy_out(C* out, size_t capacity, int32_t* count, const Fill& fill)
 struct pptam_system {
   pptam::System* system = nullptr;
   pptam::c::CallbackClock clock;
+  pptam::c::CallbackTracer tracer;
   std::span<const pptam::ObservedPoint> points;  // of the last frame that was not refused
 };
 
@@ -286,6 +301,15 @@ pptam_status pptam_set_clock(pptam_system* system, pptam_clock now_ns, void* use
   if (!system) return refused(kNoSystem);
   system->clock = {now_ns, user};
   system->system->set_clock(now_ns ? &system->clock : nullptr);
+  return kDone;
+}
+
+pptam_status pptam_set_tracer(pptam_system* system, const pptam_tracer* tracer) {
+  if (!system) return refused(kNoSystem);
+  if (tracer && (!tracer->begin || !tracer->end || !tracer->count))
+    return refused("pptam_set_tracer: a function is missing");
+  if (tracer) system->tracer = pptam::c::CallbackTracer(*tracer);
+  system->system->set_tracer(tracer ? &system->tracer : nullptr);
   return kDone;
 }
 

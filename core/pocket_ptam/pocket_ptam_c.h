@@ -181,6 +181,42 @@ PPTAM_API pptam_status pptam_get_config(const pptam_system* system, pptam_config
 typedef int64_t (*pptam_clock)(void* user);
 PPTAM_API pptam_status pptam_set_clock(pptam_system* system, pptam_clock now_ns, void* user);
 
+// What the system does while it does it, for traces: see tracer.h. Spans are nested, counters are told at the end of each
+// frame. Nothing that is tracked or mapped depends on it.
+typedef enum pptam_span {
+  PPTAM_SPAN_FRAME,  // a call of pptam_track(); in it, one after the other, its stages
+  PPTAM_SPAN_PYRAMID,
+  PPTAM_SPAN_ROTATION,
+  PPTAM_SPAN_SEARCH,
+  PPTAM_SPAN_POSE,
+  PPTAM_SPAN_PARTIAL,
+  PPTAM_SPAN_INITIALISE,
+  PPTAM_SPAN_KEYFRAME,
+  PPTAM_SPAN_SLICE,  // a call of pptam_work_slice(); in it what it worked on
+  PPTAM_SPAN_FINISH_MAP,
+  PPTAM_SPAN_INSERT,
+  PPTAM_SPAN_ADJUST_NEW,
+  PPTAM_SPAN_ADJUST,
+  PPTAM_SPAN_CULL,
+  PPTAM_SPAN_TIDY,
+  PPTAM_SPAN_COUNT
+} pptam_span;
+typedef enum pptam_counter {
+  PPTAM_COUNTER_KEYFRAMES,
+  PPTAM_COUNTER_MAP_POINTS,
+  PPTAM_COUNTER_INLIERS,
+  PPTAM_COUNTER_QUALITY,
+  PPTAM_COUNTER_COUNT
+} pptam_counter;
+typedef struct pptam_tracer {
+  void (*begin)(void* user, int32_t span);  // pptam_span
+  void (*end)(void* user, int32_t span);    // of the span begun last
+  void (*count)(void* user, int32_t counter, int64_t value);
+  void* user;
+} pptam_tracer;
+// Takes a copy; all three functions must be there. Null: no tracer, as at first.
+PPTAM_API pptam_status pptam_set_tracer(pptam_system* system, const pptam_tracer* tracer);
+
 typedef enum pptam_pixel_format {
   PPTAM_PIXEL_GREY,
   PPTAM_PIXEL_BGRA,

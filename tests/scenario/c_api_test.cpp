@@ -98,6 +98,26 @@ int64_t count_up(void* user) {
   return ++*static_cast<int64_t*>(user);
 }
 
+// What a tracer heard, in order.
+struct Heard {
+  std::vector<int64_t> events;
+  void note(int64_t kind, int64_t what, int64_t value) { events.push_back((kind << 60) ^ (what << 48) ^ value); }
+};
+struct CppListener final : Tracer, Heard {
+  void begin(Span span) override { note(1, static_cast<int64_t>(span), 0); }
+  void end(Span span) override { note(2, static_cast<int64_t>(span), 0); }
+  void count(Counter counter, int64_t value) override { note(3, static_cast<int64_t>(counter), value); }
+};
+void heard_begin(void* user, int32_t span) {
+  static_cast<Heard*>(user)->note(1, span, 0);
+}
+void heard_end(void* user, int32_t span) {
+  static_cast<Heard*>(user)->note(2, span, 0);
+}
+void heard_count(void* user, int32_t counter, int64_t value) {
+  static_cast<Heard*>(user)->note(3, counter, value);
+}
+
 // Both have seen the same frames.
 void expect_same_map(System& system, pptam_system* c) {
   EXPECT_EQ(pptam_map_hash(c), map_hash(system));
@@ -244,6 +264,11 @@ TEST(CApi, GivesTheBitsOfTheCppInterface) {
   int64_t ticks = 0;
   phone->set_clock(&clock);
   ASSERT_EQ(pptam_set_clock(c, count_up, &ticks).code, PPTAM_OK);
+  CppListener listener;
+  Heard heard;
+  const pptam_tracer tracer = {heard_begin, heard_end, heard_count, &heard};
+  phone->set_tracer(&listener);
+  ASSERT_EQ(pptam_set_tracer(c, &tracer).code, PPTAM_OK);
   phone->tap();
   ASSERT_EQ(pptam_tap(c).code, PPTAM_OK);
   TrackResult result;
@@ -266,6 +291,8 @@ TEST(CApi, GivesTheBitsOfTheCppInterface) {
   EXPECT_GT(hints, 0);
   EXPECT_GT(ticks, 0);
   EXPECT_EQ(ticks, clock.calls);
+  EXPECT_GT(heard.events.size(), 1000u);
+  EXPECT_EQ(heard.events, listener.events);
   std::vector<pptam_observed_point> observed(result.points.size());
   int32_t count = 0;
   ASSERT_EQ(pptam_observed_points(c, observed.data(), observed.size(), &count).code, PPTAM_OK);

@@ -123,6 +123,7 @@ TEST(CHostile, NullHandlesAreRefusedByAll) {
   const std::vector<std::pair<const char*, pptam_status>> statuses = {
       {"get_config", pptam_get_config(nullptr, &config)},
       {"set_clock", pptam_set_clock(nullptr, nullptr, nullptr)},
+      {"set_tracer", pptam_set_tracer(nullptr, nullptr)},
       {"track", pptam_track(nullptr, &frame, &result)},
       {"observed_points", pptam_observed_points(nullptr, nullptr, 0, &count)},
       {"work_slice", pptam_work_slice(nullptr)},
@@ -220,6 +221,11 @@ std::vector<Hostile> hostile_calls() {
   using Frame = const pptam_frame&;
   const int32_t refused = PPTAM_INVALID_ARGUMENT;
   return {
+      {"tracer without functions", refused,
+       [](pptam_system* s, Frame) {
+         const pptam_tracer tracer = {};
+         return pptam_set_tracer(s, &tracer);
+       }},
       {"ground null", refused, [](pptam_system* s, Frame) { return pptam_set_ground(s, nullptr, nullptr); }},
       {"ground NaN", refused,
        [](pptam_system* s, Frame) {

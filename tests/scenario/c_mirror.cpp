@@ -103,6 +103,33 @@ MIRRORED(LIMITS, LimitBits, pptam_limit)
   X(Stage::kCount, PPTAM_STAGE_COUNT)
 MIRRORED(STAGES, Stage, pptam_stage)
 
+#define SPANS(X)                              \
+  X(Span::kFrame, PPTAM_SPAN_FRAME)           \
+  X(Span::kPyramid, PPTAM_SPAN_PYRAMID)       \
+  X(Span::kRotation, PPTAM_SPAN_ROTATION)     \
+  X(Span::kSearch, PPTAM_SPAN_SEARCH)         \
+  X(Span::kPose, PPTAM_SPAN_POSE)             \
+  X(Span::kPartial, PPTAM_SPAN_PARTIAL)       \
+  X(Span::kInitialise, PPTAM_SPAN_INITIALISE) \
+  X(Span::kKeyframe, PPTAM_SPAN_KEYFRAME)     \
+  X(Span::kSlice, PPTAM_SPAN_SLICE)           \
+  X(Span::kFinishMap, PPTAM_SPAN_FINISH_MAP)  \
+  X(Span::kInsert, PPTAM_SPAN_INSERT)         \
+  X(Span::kAdjustNew, PPTAM_SPAN_ADJUST_NEW)  \
+  X(Span::kAdjust, PPTAM_SPAN_ADJUST)         \
+  X(Span::kCull, PPTAM_SPAN_CULL)             \
+  X(Span::kTidy, PPTAM_SPAN_TIDY)             \
+  X(Span::kCount, PPTAM_SPAN_COUNT)
+MIRRORED(SPANS, Span, pptam_span)
+
+#define COUNTERS(X)                                \
+  X(Counter::kKeyframes, PPTAM_COUNTER_KEYFRAMES)  \
+  X(Counter::kMapPoints, PPTAM_COUNTER_MAP_POINTS) \
+  X(Counter::kInliers, PPTAM_COUNTER_INLIERS)      \
+  X(Counter::kQuality, PPTAM_COUNTER_QUALITY)      \
+  X(Counter::kCount, PPTAM_COUNTER_COUNT)
+MIRRORED(COUNTERS, Counter, pptam_counter)
+
 #define OBSERVED(X)                                 \
   X(ObservedKind::kInlier, PPTAM_OBSERVED_INLIER)   \
   X(ObservedKind::kOutlier, PPTAM_OBSERVED_OUTLIER) \
