@@ -44,19 +44,17 @@ bool is_sound_map(std::span<const std::byte> content) {
 
 // A single file's place is not taken by what goes into the folder.
 void check_apart(const std::string& option, const std::string& file, const std::filesystem::path& folder) {
+  const auto refuse = [&](const char* why) { return InputError(option + " " + file + why + folder.string()); };
   for (const char* name : {"", OutputFolder::kListName}) {
-    if (same_place(folder / name, file) || same_place(folder, file))
-      throw InputError(option + " " + file + ": is taken by --out " + folder.string());
+    if (same_place(folder / name, file) || same_place(folder, file)) throw refuse(": is taken by --out ");
   }
   // Neither the folder nor one above it, which prepare() may be about to make.
   const std::filesystem::path whole = std::filesystem::absolute(folder).lexically_normal();
   for (std::filesystem::path above = whole; above.has_relative_path(); above = above.parent_path()) {
-    if (same_place(above, file))
-      throw InputError(option + " " + file + ": is a folder on the way to --out " + folder.string());
+    if (same_place(above, file)) throw refuse(": is a folder on the way to --out ");
   }
   for (const std::string& name : kOutputs) {
-    if (same_place(folder / name, file))
-      throw InputError(option + " " + file + ": is another output's name, of --out " + folder.string());
+    if (same_place(folder / name, file)) throw refuse(": is another output's name, of --out ");
   }
 }
 
