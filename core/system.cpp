@@ -250,9 +250,10 @@ Status System::set_length(uint32_t point_a, uint32_t point_b, float length) {
 }
 
 Status System::set_ground(const Vector2f& px, Similarity* change) {
-  const SE3* T_cw = impl_->map.ready() ? impl_->tracker.last_pose() : nullptr;
-  if (!T_cw) return {StatusCode::kNotReady, "set_ground: the last frame has no pose in a finished map"};
-  const Status status = impl_->mapper.ground().choose(*T_cw, px, change);
+  SE3 T_cw;
+  if (!impl_->map.ready() || !impl_->tracker.last_pose(px, &T_cw))
+    return {StatusCode::kNotReady, "set_ground: the last frame has no pose in a finished map"};
+  const Status status = impl_->mapper.ground().choose(T_cw, px, change);
   if (!status.ok()) return status;
   impl_->tracker.follow_map();
   ++impl_->world_changes;
@@ -261,8 +262,9 @@ Status System::set_ground(const Vector2f& px, Similarity* change) {
 
 int System::planes(std::span<PlaneInfo> out, int map) const {
   const MapAccess::Part part = part_of(impl_->map, map);
-  // While a new map is being finished its ground is sought.
-  if (!part.keyframes || part.keyframes->empty() || !(impl_->map.ready() || !impl_->map.exists())) return 0;
+  // While a new map is being finished its ground is sought, also while another one is looked at.
+  const bool seeking = impl_->map.looking() || (impl_->map.exists() && !impl_->map.ready());
+  if (!part.keyframes || part.keyframes->empty() || seeking) return 0;
   return impl_->mapper.ground().planes(part, out);
 }
 

@@ -286,7 +286,7 @@ pptam_status pptam_create(const pptam_config* config, void* memory, size_t bytes
   pptam::System* made = nullptr;
   const pptam::Status created = pptam::System::create(pptam::c::config_from(*config), block.subspan(kHead), &made);
   if (!created.ok()) return to_c(created);
-  *system = new (memory) pptam_system{made, {}, {}};
+  *system = new (memory) pptam_system{made, {}, {}, {}};
   return kDone;
 }
 

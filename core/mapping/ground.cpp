@@ -23,6 +23,7 @@ constexpr int kGroundTrials = 400;  // planes through three points that are trie
 // Cosine of the angle between the view's axis, or the chosen pixel's ray, and the plane's normal: at over 87 degrees it
 // hardly meets the plane. Not swept.
 constexpr float kMinCosAxis = 0.05f;
+constexpr float kMaxAlongX = 0.9f;     // cosine between the camera's x and the normal; not swept
 constexpr float kMinBaseline = 1e-6f;  // of the initial views, in the start's units: guards a division
 constexpr float kInfiniteCost = 1e30f;
 
@@ -46,7 +47,9 @@ bool onto(const Plane& plane, const SE3& T_cw, const Vector3f& ray, Similarity* 
   if (!(along > kMinCosAxis * ray.norm())) return false;
   const Vector3f z = -plane.normal;  // to the camera, which is the origin of its own frame
   const Vector3f origin = ray * (plane.offset / along);
-  const Vector3f x = (Vector3f::UnitX() - z * z.x()).normalized();
+  // Along the camera's x; along its axis where x stands on the plane.
+  const Vector3f along_x = std::abs(z.x()) < kMaxAlongX ? Vector3f::UnitX() : Vector3f::UnitZ();
+  const Vector3f x = (along_x - z * z.dot(along_x)).normalized();
   Matrix3f R;  // camera to world
   R.row(0) = x.transpose();
   R.row(1) = z.cross(x).transpose();
@@ -275,6 +278,9 @@ int Ground::planes(const MapAccess::Part& part, std::span<PlaneInfo> out) {
     }
     points_.resize(static_cast<int>(std::remove_if(points_.begin(), points_.end(), on) - points_.begin()));
   }
+  const size_t copied = std::min(static_cast<size_t>(count), out.size());
+  std::stable_sort(out.begin(), out.begin() + static_cast<ptrdiff_t>(copied),
+                   [](const PlaneInfo& a, const PlaneInfo& b) { return a.points > b.points; });
   return count;
 }
 

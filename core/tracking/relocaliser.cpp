@@ -19,7 +19,8 @@ constexpr int kWholePerRotationPixel = 20, kShiftedPerRotationPixel = 7;
 constexpr int kThumbSide = 10;
 // Scales at which the frame is laid over a keyframe, as if the camera had come nearer by 29 % or gone away by 33 %.
 // Between them, up to some 15 %, the tracker's wide search finds the points. Not swept.
-constexpr float kScales[] = {1.0f, 1.4f, 0.75f};
+constexpr size_t kScaleCount = 3;
+constexpr float kScales[kScaleCount] = {1.0f, 1.4f, 0.75f};
 constexpr int kMaxThumbSide = 16;  // kThumbSide / 0.75, and a margin
 // Least share of a keyframe's image that the frame must cover. With the phone's 37 degrees a turn by 20 leaves 0.46.
 constexpr float kMinCovered = 0.35f;
@@ -83,10 +84,10 @@ Overlay lay_over(const GreyView& keyframe, const GreyView& frame, int* compared)
       const int columns = std::min(keyframe.width, frame.width + x) - std::max(0, x);
       const float covered = static_cast<float>(rows * columns) / whole;
       if (covered < kMinCovered) continue;
-      // (1 + r) / (1 - r) for a correlation r is exp(2 atanh r): Fisher's z, whose sigma falls as the root of the
-      // pixels.
+      // Of a correlation r: nearly proportional to Fisher's z, whose sigma falls as the root of the pixels, by square
+      // roots alone, which are the same everywhere.
       const float r = std::clamp(correlation_at(keyframe, frame, x, y, compared), 0.0f, 0.999f);
-      const float score = covered < 1 ? std::log((1 + r) / (1 - r)) * std::sqrt(covered) : std::log((1 + r) / (1 - r));
+      const float score = r / std::sqrt(std::sqrt(1 - r * r)) * std::sqrt(std::min(covered, 1.0f));
       if (score > best.score) best = {score, x, y};
     }
   }
@@ -190,23 +191,29 @@ RelocalisationCandidate propose_pose(const Map& map, const Camera& camera, FullF
   }
   // Of each scale the best, from which the aligned images choose.
   const Part part(slots, kShiftedKeyframes, attempt / 2);
-  for (const float scale : kScales) {
-    const Thumb frame(small, scale);
-    float scores[kShiftedKeyframes];
-    Overlay overlays[kShiftedKeyframes];
-    GreyView size;
-    for (int k = part.first; k < part.end; ++k) {
-      scores[k - part.first] = -1;
-      if (map.keyframes()[k].id == 0) continue;
-      const Thumb thumb(map.keyframes()[k].small, 1);
-      overlays[k - part.first] = lay_over(thumb.image, frame.image, &compared);
-      scores[k - part.first] = overlays[k - part.first].score;
-      size = {nullptr, thumb.image.width, thumb.image.height, thumb.image.stride};
+  const Thumb frame[kScaleCount] = {{small, kScales[0]}, {small, kScales[1]}, {small, kScales[2]}};
+  float scores[kScaleCount][kShiftedKeyframes];
+  Overlay overlays[kScaleCount][kShiftedKeyframes];
+  GreyView size;  // of a keyframe's thumb
+  for (int k = part.first; k < part.end; ++k) {
+    const Keyframe& keyframe = map.keyframes()[k];
+    const size_t i = static_cast<size_t>(k - part.first);
+    for (auto& of_scale : scores) of_scale[i] = -1;
+    if (keyframe.id == 0) continue;
+    const Thumb thumb(keyframe.small, 1);
+    compared += small.width * small.height;
+    for (size_t scale = 0; scale < kScaleCount; ++scale) {
+      overlays[scale][i] = lay_over(thumb.image, frame[scale].image, &compared);
+      scores[scale][i] = overlays[scale][i].score;
     }
-    const int best = ranked({scores, part.size()}, part.rank);
-    if (best >= 0) align(part.first + best, moved_by(overlays[best], scale, camera, small, size, frame.image));
+    size = {nullptr, thumb.image.width, thumb.image.height, thumb.image.stride};
   }
   meter.charge(Work::kRotationPixel, compared / kShiftedPerRotationPixel);
+  for (size_t scale = 0; scale < kScaleCount; ++scale) {
+    const int best = ranked({scores[scale], part.size()}, part.rank);
+    if (best < 0) continue;
+    align(part.first + best, moved_by(overlays[scale][best], kScales[scale], camera, small, size, frame[scale].image));
+  }
   return candidate;
 }
 

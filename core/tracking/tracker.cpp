@@ -90,6 +90,13 @@ void Tracker::begin_lost() {
   keyframe_policy_.forget_time();  // the map's timestamps are those of another recording
 }
 
+bool Tracker::last_pose(const Vector2f& px, SE3* T_cw) const {
+  if (!last_.pose_valid || map_.looking()) return false;
+  const float dt_s = px.allFinite() ? config_.camera.dt_s(px) : 0;
+  *T_cw = pose_at(last_.T_cw, last_.velocity, dt_s);
+  return true;
+}
+
 void Tracker::follow_map() {
   Similarity S;
   if (!map_.take_transform(&S)) return;

@@ -41,8 +41,8 @@ class Tracker {
   void begin_lost();
   // Takes over a change of the map's coordinates. track() does so; to be called after changes between two frames.
   void follow_map();
-  // Null: the last frame had no pose in the map in use.
-  const SE3* last_pose() const { return last_.pose_valid && !map_.looking() ? &last_.T_cw : nullptr; }
+  // The last frame's pose at the exposure time of a pixel's line. False: it had none in the map in use.
+  bool last_pose(const Vector2f& px, SE3* T_cw) const;
 
  private:
   void predict();

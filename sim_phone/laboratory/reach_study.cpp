@@ -175,7 +175,7 @@ bool run_reach_study(const ReachStudyOptions& options) {
     const bool asked =
         (kReachPlaces[p].turned_degrees <= 20 && kReachPlaces[p].nearer == 0) ||
         (kReachPlaces[p].turned_degrees == 0 && kReachPlaces[p].nearer >= 0 && kReachPlaces[p].nearer <= 0.3);
-    met = met && sum.wrong == 0 && (!asked || sum.found >= kWantedShare * sum.attempts);
+    met = met && sum.attempts > 0 && sum.wrong == 0 && (!asked || sum.found >= kWantedShare * sum.attempts);
     row.push_back(format("%d", sum.wrong));
     row.push_back(sum.found > 0 ? format("%.1f", sum.frames / sum.found) : "-");
     rows.push_back(row);

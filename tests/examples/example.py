@@ -49,7 +49,7 @@ class Result(Structure):
                 [(name, c_int32) for name in "points_attempted points_found points_inliers".split()] +
                 [("reprojection_px", c_float)] +
                 [(name, c_int32) for name in (
-                    "partial_attempted partial_found map maps keyframes erased_keyframes map_points "
+                    "partial_attempted partial_found map world_changes maps keyframes erased_keyframes map_points "
                     "observed_points").split()] +
                 [("stage_ns", c_int64 * 7)])
 

@@ -54,7 +54,10 @@ static int open_camera(const char* device, void* memory[kBuffers], int* stride) 
 
 int main(int argc, char** argv) {
   if (argc != 3) die("usage: example_v4l2 DEVICE FIELD_OF_VIEW");
-  pptam_camera lens = {.width = kWidth, .height = kHeight, .cx = (kWidth - 1) / 2.0f, .cy = (kHeight - 1) / 2.0f};
+  pptam_camera lens = {.width = kWidth,
+                       .height = kHeight,
+                       .cx = (kWidth * kStep - 1) / 2.0f / kStep,
+                       .cy = (kHeight * kStep - 1) / 2.0f / kStep};
   lens.fx = lens.fy = (float)(kWidth / (2 * tan(atof(argv[2]) * 3.14159265 / 360)));
   pptam_config config;
   pptam_config_phone(&lens, &config);

@@ -42,7 +42,7 @@ case "$step" in
     cmake --install "$build" --prefix "$usr" --component development >/dev/null
     shared=$(find "$usr" -name 'libpocket-ptam.so.*.*')
     readelf -d "$shared" | grep -q 'SONAME.*\[libpocket-ptam\.so\.[0-9]*\]' || fail "no versioned soname"
-    needed=$(readelf -d "$shared" | sed -nE 's/.*NEEDED.*\[(.*)\]/\1/p' | grep -vE '^(libc|libm|ld-linux.*)\.so' || true)
+    needed=$(readelf -d "$shared" | sed -nE 's/.*NEEDED.*\[(.*)\]/\1/p' | grep -vE '^(libc|ld-linux.*)\.so' || true)
     [[ -z "$needed" ]] || fail "the shared library needs $needed"
     if nm -D --undefined-only "$shared" | grep -wE 'malloc|calloc|realloc|free|printf'; then
       fail "the library has what the core must not need"
