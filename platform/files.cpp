@@ -205,7 +205,8 @@ std::vector<std::byte> read_file(const std::filesystem::path& file, size_t most)
   } else if (!S_ISREG(status.st_mode)) {
     trouble = "is not a file";
   } else if (static_cast<uint64_t>(status.st_size) > most) {
-    trouble = "is larger than " + std::to_string(most >> 20) + " MB, too large";
+    const bool small = most < size_t{1} << 20;
+    trouble = "is larger than " + std::to_string(most >> (small ? 10 : 20)) + (small ? " kB" : " MB") + ", too large";
   } else {
     content.resize(static_cast<size_t>(status.st_size));
     size_t done = 0;

@@ -73,9 +73,10 @@ class WorkMeter {
   }
   // ARMv6 instructions charged so far, by the profile's prices.
   int64_t instructions() const { return spent_ >> kFraction; }
+  // Work that would take longer than int64_t holds stays at its last instant.
   int64_t modelled_ns() const {
-    return static_cast<int64_t>(static_cast<double>(instructions()) * profile_.cycles_per_instruction * 1e3 /
-                                profile_.clock_mhz);
+    const double ns = static_cast<double>(instructions()) * profile_.cycles_per_instruction * 1e3 / profile_.clock_mhz;
+    return ns < 0x1p63 ? static_cast<int64_t>(ns) : INT64_MAX;
   }
   int64_t units(Work kind) const { return units_[static_cast<int>(kind)]; }
   const PhoneProfile& profile() const { return profile_; }

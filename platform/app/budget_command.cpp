@@ -1,7 +1,7 @@
 // pocket-ptam budget: does it fit a phone?
 
+#include <exception>
 #include <memory>
-#include <optional>
 
 #include "platform/app/commands.h"
 #include "platform/app/options.h"
@@ -25,6 +25,18 @@ struct BudgetChoice {
   laboratory::BudgetOptions budget;
   std::string save, compare;
 };
+
+bool save(const std::string& file, const Inputs& inputs, const std::string& baseline) {
+  try {  // something may have come there meanwhile
+    judge_output_file("--save", file, inputs, "an earlier baseline", laboratory::is_baseline);
+    write_text_atomically(file, baseline);
+  } catch (const std::exception& error) {
+    print_error(error.what());
+    return false;
+  }
+  print_line("baseline saved to " + file);
+  return true;
+}
 
 int run_budget(BudgetChoice* chosen) {
   laboratory::BudgetOptions& budget = chosen->budget;
@@ -56,10 +68,7 @@ int run_budget(BudgetChoice* chosen) {
     laboratory::print_comparison(comparison);
     good = good && comparison.dearer.empty();
   }
-  if (!chosen->save.empty()) {
-    write_text_atomically(chosen->save, laboratory::baseline_text(budget, report));
-    print_line("baseline saved to " + chosen->save);
-  }
+  if (!chosen->save.empty()) good = save(chosen->save, inputs, laboratory::baseline_text(budget, report)) && good;
   return good ? kExitOk : kExitBroken;
 }
 
@@ -93,7 +102,8 @@ Command add_budget(CLI::App& program) {
       "It fits when no frame is dropped, the worst one takes no longer than the time between two, with capture and\n"
       "display, and a tenth of the time is left to mapping. The same command gives the same figures on every "
       "computer.\n"
-      "Exit codes: 0 it fits; 1 it does not, or a stage has become dearer; 2 bad input.\n"
+      "Exit codes: 0 it fits; 1 it does not, a stage has become dearer, it was interrupted, or --save failed; 2 bad\n"
+      "input.\n"
       "Examples:\n"
       "  pocket-ptam budget --phone iphone3g                      all sixteen stories\n"
       "  pocket-ptam budget --phone pi_zero --story desk_calm --seed 3\n"

@@ -5,6 +5,7 @@
 
 #include <cmath>
 #include <cstdio>
+#include <exception>
 #include <filesystem>
 #include <memory>
 #include <optional>
@@ -212,7 +213,7 @@ class LiveSession {
     if (!chosen_.output.trace.empty()) {
       try {
         write_trace_file(chosen_.output, log, command_line_);
-      } catch (const InputError& error) {
+      } catch (const std::exception& error) {  // the rest is still to be told
         print_error(error.what());
         good = false;
       }

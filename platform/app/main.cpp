@@ -19,24 +19,18 @@
 #include "platform/input_error.h"
 #include "platform/run/console.h"
 #include "platform/run/interruption.h"
+#include "platform/text.h"
 
 namespace {
 
 using namespace pptam::app;
 using pptam::platform::InputError;
 using pptam::platform::print_error;
-
-std::string quoted(const std::string& word) {
-  constexpr const char* kPlain = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-+./:=,%";
-  if (!word.empty() && word.find_first_not_of(kPlain) == std::string::npos) return word;
-  std::string text = "'";
-  for (const char c : word) text += c == '\'' ? std::string("'\\''") : std::string(1, c);
-  return text + "'";
-}
+using pptam::platform::shell_word;
 
 std::string command_of(int argc, char** argv) {
   std::string command = "pocket-ptam";
-  for (int i = 1; i < argc; ++i) command += " " + quoted(argv[i]);
+  for (int i = 1; i < argc; ++i) command += " " + shell_word(argv[i]);
   return command;
 }
 

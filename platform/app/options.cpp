@@ -111,7 +111,7 @@ void add_trace_option(CLI::App* command, RunOptions* run, OutputOptions* output)
             run->keep_trace = true;
           },
           "Write what was done when, for ui.perfetto.dev or chrome://tracing; 32 bytes of memory a span until the "
-          "end. Only an earlier trace is replaced")
+          "end, for 8 million at most. Only an earlier trace is replaced")
       ->type_name("FILE");
 }
 

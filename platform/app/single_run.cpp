@@ -9,6 +9,7 @@
 #include <filesystem>
 #include <functional>
 #include <memory>
+#include <new>
 #include <span>
 
 #include "platform/app/commands.h"
@@ -302,7 +303,11 @@ void check_trace_file(const OutputOptions& output, const Inputs& inputs) {
 
 void write_trace_file(const OutputOptions& output, const RunLog& log, const std::string& command_line) {
   judge_output_file("--trace", output.trace, {}, "a trace of an earlier run", is_trace);  // may have come meanwhile
-  write_text_atomically(output.trace, trace_text(log, command_line));
+  try {
+    write_text_atomically(output.trace, trace_text(log, command_line));
+  } catch (const std::bad_alloc&) {
+    throw InputError("--trace " + output.trace + ": not written, there is not enough memory for its text");
+  }
 }
 
 void write_map_file(const std::string& file, std::span<const std::byte> map) {

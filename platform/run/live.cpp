@@ -309,7 +309,7 @@ LiveResult LiveRun::finish() {
     log.warnings.emplace_back("--save-map: nothing is saved, there was no map at the end");
   }
   take_map(*session_.system, wanted, &log);
-  log.trace = session_.tracer->events();
+  session_.tracer->give(&log);
   if (recording_) {
     recording_->finish(log.map_hash);
     result_.status.record_trouble = recording_->trouble();

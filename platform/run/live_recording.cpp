@@ -594,7 +594,7 @@ RunLog repeat_live_recording(const LiveScript& script, const RunOptions& options
   }
   if (interrupted()) log.broken = log.camera.name + ": " + interruption();
   take_map(system, settings, &log);
-  log.trace = session.tracer->events();
+  session.tracer->give(&log);
   if (!log.quit && log.broken.empty() && script.map_hash && *script.map_hash != log.map_hash && log.differs.empty())
     log.differs = "the map has other bits than that of the live run: was it recorded by another version?";
   return log;

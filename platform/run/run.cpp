@@ -114,6 +114,12 @@ class Timetable {
   int64_t passed_over_ns_ = 0;
 };
 
+std::string pauses_text(const Timetable& timetable, const RunOptions& options) {
+  return format(
+      ": --clock steady: pauses longer than %.3g s were cut to that, by %.0f s in all; --clock work keeps them",
+      options.max_wait_s, timetable.passed_over_s());
+}
+
 // The time until a frame arrives is mapping's, and then idle. Returns whether mapping has more to do. For a frame that
 // comes late there is one slice, as live: where tracking alone takes all the time there would be no map.
 bool map_until(int64_t arrival_ns, const Session& session) {
@@ -135,6 +141,12 @@ int64_t spend(TraceWhat what, int64_t ns, int frame, const Session& session) {
   const int64_t to_ns = session.clock->now_ns();
   session.tracer->add(what, from_ns, to_ns, frame);
   return saturated_difference(to_ns, from_ns);
+}
+
+void choose_ground(System* system, GroundChoice* ground, TrackResult* result) {
+  if (!ground->due(*result)) return;
+  ground->choose([system](const Vector2f& px, pptam::Similarity* change) { return system->set_ground(px, change); },
+                 result);
 }
 
 // Whether the spectator's key, if any, is to end the run; another one is obeyed.
@@ -200,16 +212,14 @@ RunLog run_sequence(Camera& camera, const RunOptions& options, const StartObserv
     const int64_t start_ns = clock->now_ns();
     const int64_t start_instructions = system->work_meter().instructions();
     TrackResult result = system->track(frame);
-    if (ground.due(result)) {
-      ground.choose([system](const Vector2f& px, pptam::Similarity* change) { return system->set_ground(px, change); },
-                    &result);
-    }
+    end_ns = clock->now_ns();
+    const int64_t end_instructions = system->work_meter().instructions();
+    choose_ground(system, &ground, &result);
     if (!result.status.ok()) {
       log.broken = log.camera.name + ": frame " + std::to_string(index) + " was refused: " + result.status.message();
       break;
     }
     FrameLog entry = log_of(result);
-    end_ns = clock->now_ns();
     entry.index = index;
     entry.track_ns = end_ns - start_ns;
     entry.late_ns = saturated_difference(end_ns, arrival_ns);
@@ -218,7 +228,7 @@ RunLog run_sequence(Camera& camera, const RunOptions& options, const StartObserv
     entry.capture_ns = capture_ns;
     entry.display_ns = spend(TraceWhat::kDisplay, options.display_ns, index, session);
     end_ns = clock->now_ns();
-    entry.instructions = system->work_meter().instructions() - start_instructions;
+    entry.instructions = end_instructions - start_instructions;
     if (options.hash_every > 0 && index % options.hash_every == 0) entry.map_hash = map_hash(*system);
     log.frames.push_back(entry);
     if (on_frame) on_frame(frame, result, log);
@@ -229,13 +239,9 @@ RunLog run_sequence(Camera& camera, const RunOptions& options, const StartObserv
 
   log.warnings = camera.remarks();
   if (!ground.trouble().empty()) log.warnings.push_back(ground.trouble());
-  if (timetable.passed_over_s() > 0) {
-    log.warnings.push_back(log.camera.name + format(": --clock steady: pauses longer than %.3g s were cut to that, by "
-                                                    "%.0f s in all; --clock work keeps them",
-                                                    options.max_wait_s, timetable.passed_over_s()));
-  }
+  if (timetable.passed_over_s() > 0) log.warnings.push_back(log.camera.name + pauses_text(timetable, options));
   take_map(*system, options, &log);
-  log.trace = tracer->events();
+  tracer->give(&log);
   return log;
 }
 

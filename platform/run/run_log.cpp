@@ -134,10 +134,10 @@ bool is_late(const FrameLog& frame, const CameraInfo& camera) {
 
 void ProcessorTime::add(const RunLog& log) {
   for (const FrameLog& frame : log.frames) {
-    tracking_ns += frame.track_ns;
-    capture_display_ns += frame.capture_ns + frame.display_ns;
-    mapping_ns += frame.mapping_ns;
-    idle_ns += frame.idle_ns;
+    tracking_ns = saturated_sum(tracking_ns, frame.track_ns);
+    capture_display_ns = saturated_sum(capture_display_ns, saturated_sum(frame.capture_ns, frame.display_ns));
+    mapping_ns = saturated_sum(mapping_ns, frame.mapping_ns);
+    idle_ns = saturated_sum(idle_ns, frame.idle_ns);
     longest_slice_ns = std::max(longest_slice_ns, frame.longest_slice_ns);
     ++frames;
     late += is_late(frame, log.camera) ? 1 : 0;

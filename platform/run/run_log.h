@@ -113,7 +113,9 @@ struct ProcessorTime {
   int work_left = 0;  // frames that came before mapping was done
 
   void add(const RunLog& log);
-  int64_t all_ns() const { return tracking_ns + capture_display_ns + mapping_ns + idle_ns; }
+  int64_t all_ns() const {
+    return saturated_sum(saturated_sum(tracking_ns, capture_display_ns), saturated_sum(mapping_ns, idle_ns));
+  }
   double share(int64_t ns) const { return all_ns() > 0 ? static_cast<double>(ns) / static_cast<double>(all_ns()) : 0; }
   double work_left_share() const { return frames > 0 ? static_cast<double>(work_left) / frames : 0; }
 };

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cinttypes>
+#include <new>
 #include <string_view>
 #include <utility>
 
@@ -70,10 +71,24 @@ bool is_empty(const TraceEvent& event) {
 
 }  // namespace
 
+bool RunTracer::keep(const TraceEvent& event) {
+  if (!keep_) return false;
+  try {
+    if (events_.size() < most_events_) {
+      events_.push_back(event);
+      return true;
+    }
+  } catch (const std::bad_alloc&) {  // those before it stay
+  }
+  keep_ = false;
+  cut_ns_ = event.begin_ns;
+  return false;
+}
+
 void RunTracer::begin(Span span) {
   const int64_t now_ns = clock_.now_ns();
-  open_.push_back({span, now_ns, events_.size()});
-  if (keep_) events_.push_back({now_ns, now_ns, index_, trace_of(span)});
+  const bool kept = keep({now_ns, now_ns, index_, trace_of(span)});
+  open_.push_back({span, now_ns, kept ? events_.size() - 1 : kNotKept});
 }
 
 void RunTracer::end(Span span) {
@@ -81,7 +96,7 @@ void RunTracer::end(Span span) {
   const int64_t now_ns = clock_.now_ns();
   const Open ended = open_.back();
   open_.pop_back();
-  if (keep_) events_[ended.event].end_ns = now_ns;
+  if (ended.event != kNotKept) events_[ended.event].end_ns = now_ns;
   const int64_t ns = saturated_difference(now_ns, ended.begin_ns);
   if (span == Span::kSlice) {
     sums_.mapping_ns += ns;
@@ -93,11 +108,11 @@ void RunTracer::end(Span span) {
 }
 
 void RunTracer::count(Counter counter, int64_t value) {
-  if (keep_) events_.push_back({clock_.now_ns(), 0, value, trace_of(counter)});
+  if (keep_) keep({clock_.now_ns(), 0, value, trace_of(counter)});
 }
 
 void RunTracer::add(TraceWhat what, int64_t begin_ns, int64_t end_ns, int64_t value) {
-  if (keep_) events_.push_back({begin_ns, end_ns, value, what});
+  keep({begin_ns, end_ns, value, what});
 }
 
 void RunTracer::add_idle(int64_t begin_ns) {
@@ -115,6 +130,15 @@ void RunTracer::take(FrameLog* frame) {
   sums_ = {};
 }
 
+void RunTracer::give(RunLog* log) {
+  log->trace = std::move(events_);
+  if (!cut_ns_) return;
+  const int64_t origin_ns = log->trace.empty() ? *cut_ns_ : log->trace.front().begin_ns;
+  log->warnings.push_back(format("the trace ends at %.1f s: too long, %zu events were kept",
+                                 1e-9 * static_cast<double>(saturated_difference(*cut_ns_, origin_ns)),
+                                 log->trace.size()));
+}
+
 std::string trace_text(const RunLog& log, const std::string& command) {
   std::string text = std::string(kTraceHead) + std::string(kOpenSeal) + "\",\"run\":" + quoted(log.camera.name) +
                      ",\"clock\":\"" + name_of(log.clock) + "\",\"command\":" + quoted(command) +
@@ -125,7 +149,8 @@ std::string trace_text(const RunLog& log, const std::string& command) {
   const int64_t origin_ns = log.trace.empty() ? 0 : log.trace.front().begin_ns;
   for (const TraceEvent& event : log.trace)
     if (!is_empty(event)) text += ",\n" + event_text(event, origin_ns);
-  return sealed(text + "\n]}\n");
+  text += "\n]}\n";
+  return sealed(std::move(text));
 }
 
 bool is_trace(std::span<const std::byte> content) {

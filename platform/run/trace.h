@@ -4,9 +4,9 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include <pocket_ptam/pocket_ptam.h>
@@ -14,11 +14,17 @@
 
 namespace pptam::platform {
 
-// Listens to a System. One for each run; it must not outlive the clock.
+constexpr size_t kMostTraceEvents = 8'000'000;  // 256 MB. Not swept
+
+// Listens to a System. One for each run; it must not outlive the clock. The core calls it and is built without
+// exceptions: begin(), end() and count() throw none.
 class RunTracer final : public Tracer {
  public:
-  // keep: every event, for a trace; else only the sums of take().
-  RunTracer(const Clock& clock, bool keep) : clock_(clock), keep_(keep) {}
+  // keep: every event up to so many, or as memory lasts, for a trace; else only the sums of take().
+  RunTracer(const Clock& clock, bool keep, size_t most_events = kMostTraceEvents)
+      : clock_(clock), keep_(keep), most_events_(most_events) {
+    open_.reserve(kSpans);  // no span is open twice: begin() asks for no more
+  }
 
   void begin(Span span) override;
   void end(Span span) override;
@@ -33,17 +39,22 @@ class RunTracer final : public Tracer {
   // Moves into a frame's line what was done of mapping and idling since the last call, which was after the frame
   // before.
   void take(FrameLog* frame);
-  // At the end.
-  std::vector<TraceEvent> events() { return std::move(events_); }
+  // At the end: moves the events into RunLog::trace, with a warning when they end before the run does.
+  void give(RunLog* log);
 
  private:
   struct Open {
     Span span;
     int64_t begin_ns;
-    size_t event;  // in events_, if they are kept
+    size_t event;  // in events_, or kNotKept
   };
+  static constexpr size_t kNotKept = SIZE_MAX;
+  bool keep(const TraceEvent& event);  // false: it is not
+
   const Clock& clock_;
   bool keep_;
+  size_t most_events_;
+  std::optional<int64_t> cut_ns_;  // when the first event was left out
   int index_ = 0;
   std::vector<Open> open_;
   std::vector<TraceEvent> events_;

@@ -82,7 +82,8 @@ void find_worst(const std::vector<RunLog>& logs, const BudgetOptions& options, B
   for (int s = 0; s < kStages; ++s) {
     // A stage that few frames have, such as a start, is beyond what is usual with all of its time.
     const bool usual = 2 * report->stages[s].count > report->tracking.count;
-    const int64_t beyond_ns = worst->stage_ns[s] - (usual ? std::llround(report->stages[s].median) : 0);
+    const int64_t beyond_ns =
+        saturated_difference(worst->stage_ns[s], usual ? std::llround(report->stages[s].median) : 0);
     if (beyond_ns <= found.beyond_ns) continue;
     found.stage = static_cast<Stage>(s);
     found.stage_ns = worst->stage_ns[s];
@@ -113,19 +114,6 @@ void sum_up(const std::vector<RunLog>& logs, BudgetReport* report) {
   report->tracking = times_of(tracking);
   report->whole = times_of(whole);
   for (double& ms : report->job_ms) ms /= std::max(1e-9 * static_cast<double>(report->time.all_ns()), 1e-9);
-}
-
-void give_verdict(BudgetReport* report) {
-  const double worst_ms = 1e-6 * static_cast<double>(report->worst.ns);
-  if (report->dropped > 0)
-    report->faults.push_back(format("%d frames were dropped because the one before was not done", report->dropped));
-  if (worst_ms > report->period_ms)
-    report->faults.push_back(
-        format("the worst frame takes %.1f ms, and one comes every %.1f ms", worst_ms, report->period_ms));
-  const double left = report->time.share(report->time.mapping_ns + report->time.idle_ns);
-  if (left < kLeastForMapping)
-    report->faults.push_back(format("frames leave %.0f %% of the time to mapping, which starves below %.0f %%",
-                                    100 * left, 100 * kLeastForMapping));
 }
 
 std::string ms_text(double ns) {
@@ -223,6 +211,19 @@ void check_budget(const BudgetOptions& options) {
   }
 }
 
+void give_verdict(BudgetReport* report) {
+  const double worst_ms = 1e-6 * static_cast<double>(report->worst.ns);
+  if (report->dropped > 0)
+    report->faults.push_back(format("%d frames were dropped because the one before was not done", report->dropped));
+  if (worst_ms > report->period_ms)
+    report->faults.push_back(
+        format("the worst frame takes %.1f ms, and one comes every %.1f ms", worst_ms, report->period_ms));
+  const double left = report->time.share(saturated_sum(report->time.mapping_ns, report->time.idle_ns));
+  if (left < kLeastForMapping)
+    report->faults.push_back(format("frames leave %.0f %% of the time to mapping, which starves below %.0f %%",
+                                    100 * left, 100 * kLeastForMapping));
+}
+
 BudgetReport measure_budget(const BudgetOptions& options) {
   check_budget(options);
   std::vector<RunLog> logs(options.stories.size());
@@ -235,10 +236,11 @@ BudgetReport measure_budget(const BudgetOptions& options) {
   report.width = logs[0].camera.model.width;
   report.height = logs[0].camera.model.height;
   for (size_t i = 0; i < logs.size(); ++i) {
-    if (!done[i]) report.broken.push_back(options.stories[i] + ": " + interruption());
-    if (!logs[i].broken.empty()) report.broken.push_back(logs[i].broken);
+    if (done[i] && !logs[i].broken.empty()) report.broken.push_back(logs[i].broken);
     report.stories.push_back(budget_of(logs[i], options.stories[i]));
   }
+  if (std::find(done.begin(), done.end(), false) != done.end())
+    report.broken.push_back("budget: " + interruption() + ", nothing of it holds");
   sum_up(logs, &report);
   find_worst(logs, options, &report);
   give_verdict(&report);

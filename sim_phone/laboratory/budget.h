@@ -56,7 +56,7 @@ struct BudgetReport {
   MemoryParts memory_parts;
   int most_keyframes = 0, most_erased = 0, most_points = 0;
   std::vector<std::string> faults;  // why it does not fit; empty: it fits
-  std::vector<std::string> broken;  // stories that did not run to their end, and why
+  std::vector<std::string> broken;  // stories that did not run to their end and why, or that all was interrupted
 };
 
 // The sixteen of calm and quick hands.
@@ -67,6 +67,8 @@ sim::PhoneOptions phone_of(const BudgetOptions& options, const std::string& stor
 
 // Throws InputError on options that make no sense, such as stories of different cameras.
 void check_budget(const BudgetOptions& options);
+// Finds the faults in all else that the report holds.
+void give_verdict(BudgetReport* report);
 // Checks likewise.
 BudgetReport measure_budget(const BudgetOptions& options);
 

@@ -1,5 +1,6 @@
 #include "sim_phone/laboratory/budget_baseline.h"
 
+#include <algorithm>
 #include <charconv>
 #include <string_view>
 
@@ -15,13 +16,24 @@ namespace {
 using namespace platform;
 
 constexpr std::string_view kBaselineHead = "# pocket-ptam budget 1";
+constexpr std::string_view kPhoneHead = "# phone ";
 
-// What two budgets must have in common to be compared.
+std::string camera_text(const sim::PhoneOptions& phone) {
+  const char* axis = phone.readout_axis == RollingShutter::Axis::kRows ? "rows" : "columns";
+  return format("%dx%d, %.6g degrees, %.6g frames/s, readout by %s %+.6g s, exposure %.6g s", phone.width, phone.height,
+                phone.horizontal_fov_degrees, phone.frames_per_s, axis, phone.readout_s, phone.exposure_s);
+}
+
+// What two budgets must have in common to be compared: the first story's camera, and where another one differs its own.
 std::string circumstances(const BudgetOptions& options) {
-  const sim::PhoneOptions phone = phone_of(options, options.stories.at(0));
-  return format("# %dx%d, %.6g frames/s, seed %llu: ", phone.width, phone.height, phone.frames_per_s,
-                static_cast<unsigned long long>(options.seed)) +
-         joined(options.stories);
+  const std::string camera = camera_text(phone_of(options, options.stories.at(0)));
+  std::vector<std::string> stories;
+  stories.reserve(options.stories.size());
+  for (const std::string& story : options.stories) {
+    const std::string own = camera_text(phone_of(options, story));
+    stories.push_back(own == camera ? story : story + " (" + own + ")");
+  }
+  return "# " + camera + format(", seed %llu: ", static_cast<unsigned long long>(options.seed)) + joined(stories);
 }
 
 struct Figure {
@@ -53,8 +65,8 @@ std::vector<std::string_view> lines_of(std::string_view text) {
 }  // namespace
 
 std::string baseline_text(const BudgetOptions& options, const BudgetReport& report) {
-  std::string text = std::string(kBaselineHead) + ", " + std::string(kOpenSeal) + "\n" + circumstances(options) +
-                     "\n# phone " + printable(options.phone.name) + "\nstage,mean_ms\n";
+  std::string text = std::string(kBaselineHead) + ", " + std::string(kOpenSeal) + "\n" + circumstances(options) + "\n" +
+                     std::string(kPhoneHead) + printable(options.phone.name) + "\nstage,mean_ms\n";
   for (const Figure& figure : figures_of(report)) text += figure.what + format(",%.6f\n", figure.mean_ms);
   return sealed(std::move(text));
 }
@@ -71,10 +83,13 @@ Baseline read_baseline(const std::string& text, const std::string& name, const B
   const std::vector<std::string_view> lines = lines_of(text);
   if (lines.size() < 3 || !lines[0].starts_with(kBaselineHead))
     throw refuse("is not a baseline that --save has written");
+  if (!text.ends_with('\n')) throw refuse("its last line is cut off: save it again");
   if (lines[1] != circumstances(options))
     throw refuse("was made of something else: there '" + std::string(lines[1].substr(0, 200)) + "', here '" +
                  circumstances(options) + "'");
+  if (!lines[2].starts_with(kPhoneHead)) throw refuse("does not name its phone");
   Baseline baseline;
+  baseline.phone = lines[2].substr(kPhoneHead.size());
   for (const std::string_view line : lines) {
     const size_t comma = line.find(',');
     if (line.starts_with('#') || line.starts_with("stage,") || comma == std::string_view::npos) continue;
@@ -83,18 +98,20 @@ Baseline read_baseline(const std::string& text, const std::string& name, const B
     const auto [end, error] = std::from_chars(number.data(), number.data() + number.size(), value);
     if (error != std::errc() || end != number.data() + number.size() || !(value >= 0 && value < 1e9))
       throw refuse("'" + std::string(line.substr(0, 80)) + "' holds no time");
-    baseline[std::string(line.substr(0, comma))] = value;
+    if (!baseline.mean_ms.emplace(line.substr(0, comma), value).second)
+      throw refuse("has two lines for " + std::string(line.substr(0, std::min<size_t>(comma, 80))));
   }
   for (const Figure& figure : figures_of({}))
-    if (!baseline.contains(figure.what)) throw refuse("has no line for " + figure.what);
+    if (!baseline.mean_ms.contains(figure.what)) throw refuse("has no line for " + figure.what);
   return baseline;
 }
 
 BudgetComparison compare(const Baseline& before, const BudgetReport& report) {
-  const double frame_ms = before.at("tracking");
+  const double frame_ms = before.mean_ms.at("tracking");
   BudgetComparison comparison;
+  comparison.phone = before.phone;
   for (const Figure& figure : figures_of(report)) {
-    BudgetChange change = {figure.what, before.at(figure.what), figure.mean_ms, false};
+    BudgetChange change = {figure.what, before.mean_ms.at(figure.what), figure.mean_ms, false};
     const double grown_ms = change.now_ms - change.before_ms;
     const bool whole = figure.what == "tracking";
     change.dearer = (!whole && grown_ms > kStageTolerance * change.before_ms) || grown_ms > kFrameTolerance * frame_ms;
@@ -110,6 +127,7 @@ BudgetComparison compare(const Baseline& before, const BudgetReport& report) {
 }
 
 void print_comparison(const BudgetComparison& comparison) {
+  print_line("compared with a baseline of phone " + comparison.phone);
   std::vector<std::vector<std::string>> rows;
   rows.reserve(comparison.changes.size());
   for (const BudgetChange& change : comparison.changes) {

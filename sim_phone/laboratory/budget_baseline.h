@@ -24,10 +24,12 @@ std::string baseline_text(const BudgetOptions& options, const BudgetReport& repo
 // Such a text, as it was written.
 bool is_baseline(std::span<const std::byte> content);
 
-// Means, ms, by stage.
-using Baseline = std::map<std::string, double, std::less<>>;
-// text: of an earlier baseline; name stands for it in messages. Throws InputError when it is none, or was made with
-// other stories or another seed or camera than the options.
+struct Baseline {
+  std::string phone;                                   // its name
+  std::map<std::string, double, std::less<>> mean_ms;  // by stage, and of tracking
+};
+// text: of an earlier baseline; name stands for it in messages. Throws InputError when it is none or not a whole one,
+// or was made with other stories or another seed or camera than the options.
 Baseline read_baseline(const std::string& text, const std::string& name, const BudgetOptions& options);
 
 struct BudgetChange {
@@ -36,6 +38,7 @@ struct BudgetChange {
   bool dearer = false;
 };
 struct BudgetComparison {
+  std::string phone;                  // the baseline's
   std::vector<BudgetChange> changes;  // of everything
   std::vector<std::string> dearer;    // a line for each that is
 };

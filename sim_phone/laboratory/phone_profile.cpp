@@ -44,6 +44,7 @@ struct Number {
   const char* key;
   double least, most;
   std::function<void(Phone*, double)> set;
+  bool whole = false;
 };
 
 const std::vector<Number>& numbers() {
@@ -51,10 +52,10 @@ const std::vector<Number>& numbers() {
     const auto ns = [](double ms) { return static_cast<int64_t>(std::llround(1e6 * ms)); };
     std::vector<Number> all = {
         {"processor", "clock_mhz", 1, 1e5, [](Phone* p, double v) { p->processor.clock_mhz = static_cast<float>(v); }},
-        {"processor", "cycles_per_instruction", 0.01, 1000,
+        {"processor", "cycles_per_instruction", 0.01, 100,
          [](Phone* p, double v) { p->processor.cycles_per_instruction = static_cast<float>(v); }},
-        {"camera", "width", 64, 4096, [](Phone* p, double v) { p->width = static_cast<int>(v); }},
-        {"camera", "height", 64, 4096, [](Phone* p, double v) { p->height = static_cast<int>(v); }},
+        {"camera", "width", 64, 4096, [](Phone* p, double v) { p->width = static_cast<int>(v); }, true},
+        {"camera", "height", 64, 4096, [](Phone* p, double v) { p->height = static_cast<int>(v); }, true},
         {"camera", "horizontal_fov_degrees", 5, 120, [](Phone* p, double v) { p->horizontal_fov_degrees = v; }},
         {"camera", "frames_per_s", 1, 240, [](Phone* p, double v) { p->frames_per_s = v; }},
         {"camera", "readout_s", 0, 1, [](Phone* p, double v) { p->readout_s = v; }},
@@ -63,7 +64,7 @@ const std::vector<Number>& numbers() {
         {"frame", "display_ms", 0, 1000, [ns](Phone* p, double v) { p->display_ns = ns(v); }},
     };
     for (size_t i = 0; i < std::size(kWorkNames); ++i) {
-      all.push_back({"instructions", kWorkNames[i], 0, 1e7,
+      all.push_back({"instructions", kWorkNames[i], 0, 1e5,
                      [i](Phone* p, double v) { p->processor.instructions[i] = static_cast<float>(v); }});
     }
     return all;
@@ -116,8 +117,8 @@ class ProfileReader {
     });
     for (const char* key : {"processor.clock_mhz", "processor.cycles_per_instruction"})
       if (!told_.contains(key)) fail(key, "is missing");
-    if (told_.contains("camera.readout_direction") && !phone_.readout_s)
-      fail("camera.readout_direction", "says nothing without readout_s");
+    for (const char* key : {"camera.readout_axis", "camera.readout_direction"})
+      if (told_.contains(key) && !phone_.readout_s) fail(key, "says nothing without readout_s");
     if (backwards_) phone_.readout_s = -*phone_.readout_s;
   }
 
@@ -154,8 +155,12 @@ class ProfileReader {
     std::vector<std::string> keys;
     for (const Number& known : numbers()) {
       if (section != known.section) continue;
-      if (key == known.key) return known.set(&phone_, number(whole, node, known.least, known.most));
       keys.emplace_back(known.key);
+      if (key != known.key) continue;
+      const double value = number(whole, node, known.least, known.most);
+      if (known.whole && value != std::floor(value))
+        fail(whole, "'" + shown(node.Scalar()) + "' is not a whole number");
+      return known.set(&phone_, value);
     }
     fail(section + "." + shown(key), "is unknown; there are " + joined(keys));
   }

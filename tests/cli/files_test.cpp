@@ -86,7 +86,7 @@ TEST_F(Files, WhatCannotBeWrittenOrReadIsNamed) {
   names(message([&] { read_file(file_, kSize); }), "no such file");
   names(message([&] { read_file(folder_, kSize); }), "not a file");
   write_atomically(file_, new_);
-  names(message([&] { read_file(file_, kSize - 1); }), "too large");
+  names(message([&] { read_file(file_, kSize - 1); }), "is larger than 292 kB, too large");
 }
 
 TEST_F(Files, PermissionsAreThoseOfTheFileReplacedOrOfTheUmask) {

@@ -15,6 +15,7 @@
 
 #include "platform/input_error.h"
 #include "platform/run/names.h"
+#include "platform/run/trace.h"
 #include "platform/text.h"
 #include "sim_phone/laboratory/budget_baseline.h"
 #include "sim_phone/phone_camera.h"
@@ -94,7 +95,12 @@ TEST(PhoneProfiles, BadOnesAreRefusedWithTheReason) {
       {kLeast + "camera:\n  width: [320]\n", "is no single value"},
       {kLeast + "camera:\n  readout_axis: diagonal\n", "neither rows nor columns"},
       {kLeast + "camera:\n  readout_direction: -1\n", "says nothing without readout_s"},
+      {kLeast + "camera:\n  readout_axis: rows\n", "readout_axis: says nothing without readout_s"},
+      {kLeast + "camera:\n  width: 320.5\n", "camera.width: '320.5' is not a whole number"},
+      {kLeast + "camera:\n  height: 240.5\n", "camera.height: '240.5' is not a whole number"},
       {kLeast + "frame:\n  capture_ms: -1\n", "from 0 to 1000"},
+      {kLeast + "instructions:\n  grey_pixel: 100001\n", "from 0 to 100000"},
+      {"processor: {clock_mhz: 1, cycles_per_instruction: 101}\n", "from 0.01 to 100"},
       {kLeast + "instructions:\n  grey_pixel: nan\n", "'nan' is not a number"},
       {kLeast + "instructions:\n  grey_pixel: inf\n", "'inf' is not a number"},
       {kLeast + "instructions:\n  grey: 1\n", "there are grey_pixel"},
@@ -180,6 +186,22 @@ TEST(Baselines, OfSomethingElseAreRefused) {
   other = options;
   other.phone.width = 320;
   EXPECT_TRUE(holds(refused(text, other), "something else"));
+  const sim::PhoneOptions own = phone_of(options, "desk_calm");
+  other = options;
+  other.phone.horizontal_fov_degrees = own.horizontal_fov_degrees + 1;
+  EXPECT_TRUE(holds(refused(text, other), "something else"));
+  other = options;
+  other.phone.exposure_s = 0.5 * own.exposure_s;
+  EXPECT_TRUE(holds(refused(text, other), "something else"));
+  other = options;
+  other.phone.readout_s = own.readout_s;
+  other.phone.readout_axis = own.readout_axis;
+  EXPECT_EQ(refused(text, other), "accepted") << "told, but the same";
+  other.phone.readout_s = -own.readout_s;
+  EXPECT_TRUE(holds(refused(text, other), "something else")) << "the sign alone";
+  other.phone.readout_s = own.readout_s;
+  other.phone.readout_axis = RollingShutter::Axis::kRows;
+  EXPECT_TRUE(holds(refused(text, other), "something else")) << "the axis alone";
   EXPECT_TRUE(holds(refused("", options), "is not a baseline"));
   EXPECT_TRUE(holds(refused("a\nb\nc\n", options), "is not a baseline"));
   const auto with = [&](const std::string& from, const std::string& to) {
@@ -190,6 +212,64 @@ TEST(Baselines, OfSomethingElseAreRefused) {
   EXPECT_TRUE(holds(refused(with("\nsearch,6", "\nsearch,-6"), options), "holds no time"));
   EXPECT_TRUE(holds(refused(with("\nsearch,", "\nsuch,"), options), "has no line for search"));
   EXPECT_EQ(refused(with("search,6.000000\n", "search,6.000000\r\n"), options), "accepted");
+  EXPECT_TRUE(holds(refused(with("\nsearch,", "\nsearch,6\nsearch,"), options), "has two lines for search"));
+  EXPECT_TRUE(holds(refused(with("\n# phone ", "\n# tablet "), options), "does not name its phone"));
+  EXPECT_TRUE(holds(refused(text.substr(0, text.size() - 1), options), "its last line is cut off"));
+  EXPECT_TRUE(holds(refused(text.substr(0, text.size() - 4), options), "its last line is cut off"));
+}
+
+TEST(Baselines, NameTheirPhone) {
+  BudgetOptions options;
+  options.stories = {"desk_calm"};
+  options.phone.name = "mine.yaml";
+  const Baseline before = read_baseline(baseline_text(options, made_up()), "b", options);
+  EXPECT_EQ(compare(before, made_up()).phone, "mine.yaml");
+}
+
+// ------------------------------------------------------------------------------------------------------------ verdicts
+
+// 300 frames that leave nine tenths of their time to mapping and idling.
+BudgetReport that_fits() {
+  BudgetReport report = made_up();
+  report.frames = 300;
+  report.worst.ns = 30'000'000;
+  report.time.tracking_ns = 1'000'000'000;
+  report.time.mapping_ns = 3'000'000'000;
+  report.time.idle_ns = 6'000'000'000;
+  return report;
+}
+
+TEST(Verdicts, EachReasonIsGivenAlone) {
+  const auto faults = [](BudgetReport report) {
+    give_verdict(&report);
+    return platform::joined(report.faults);
+  };
+  EXPECT_EQ(faults(that_fits()), "");
+  BudgetReport report = that_fits();
+  report.dropped = 3;
+  EXPECT_EQ(faults(report), "3 frames were dropped because the one before was not done");
+  report = that_fits();
+  report.worst.ns = 66'800'000;
+  EXPECT_EQ(faults(report), "the worst frame takes 66.8 ms, and one comes every 66.7 ms");
+  report.worst.ns = 66'600'000;
+  EXPECT_EQ(faults(report), "");
+  report = that_fits();
+  report.time = {};
+  report.time.tracking_ns = 92, report.time.mapping_ns = 5, report.time.idle_ns = 3;
+  EXPECT_EQ(faults(report), "frames leave 8 % of the time to mapping, which starves below 10 %");
+  report.time.tracking_ns = 88, report.time.mapping_ns = 5, report.time.idle_ns = 7;
+  EXPECT_EQ(faults(report), "");
+  // Times of several runs of a phone that is absurdly slow.
+  report.time = {};
+  report.time.mapping_ns = report.time.idle_ns = INT64_MAX;
+  EXPECT_EQ(faults(report), "") << "their sum is more than int64_t holds";
+}
+
+TEST(ShellWords, AreQuotedWhereTheyHaveToBe) {
+  EXPECT_EQ(platform::shell_word("phones/mine-2.yaml"), "phones/mine-2.yaml");
+  EXPECT_EQ(platform::shell_word("my phone.yaml"), "'my phone.yaml'");
+  EXPECT_EQ(platform::shell_word("it's"), "'it'\\''s'");
+  EXPECT_EQ(platform::shell_word(""), "''");
 }
 
 // --------------------------------------------------------------------------------------------------------- the program
@@ -308,6 +388,37 @@ TEST_F(PhoneBudget, APhoneThatIsTooSlowDropsFramesAndSaysSo) {
 }
 
 // -------------------------------------------------------------------------------------------------------------- traces
+
+TEST(Traces, EndWhereTheyBecomeTooLong) {
+  WorkMeter meter;
+  WorkClock clock(meter);
+  platform::RunTracer tracer(clock, true, 2);
+  const auto pass = [&] { clock.idle_until(clock.now_ns() + 1'000'000'000); };
+  tracer.begin(Span::kFrame);
+  pass();
+  tracer.count(Counter::kKeyframes, 1);
+  pass();
+  tracer.begin(Span::kSearch);  // the first one too many
+  pass();
+  tracer.end(Span::kSearch);
+  tracer.count(Counter::kKeyframes, 2);
+  tracer.end(Span::kFrame);
+  pass();
+  tracer.begin(Span::kSlice);
+  pass();
+  tracer.end(Span::kSlice);
+  platform::FrameLog sums;
+  tracer.take(&sums);
+  EXPECT_EQ(sums.mapping_ns, 1'000'000'000) << "is told to the end";
+  platform::RunLog log;
+  tracer.give(&log);
+  ASSERT_EQ(log.trace.size(), 2u);
+  EXPECT_EQ(log.trace[0].what, platform::trace_of(Span::kFrame));
+  EXPECT_EQ(log.trace[0].end_ns - log.trace[0].begin_ns, 3'000'000'000) << "a span that was open keeps its end";
+  EXPECT_EQ(log.trace[1].value, 1);
+  ASSERT_EQ(log.warnings.size(), 1u);
+  EXPECT_EQ(log.warnings[0], "the trace ends at 2.0 s: too long, 2 events were kept");
+}
 
 struct SpanSeen {
   double begin_us, end_us;

@@ -38,6 +38,17 @@ TEST(Clock, TheWorkClockStopsAtTheLastInstant) {
   EXPECT_EQ(clock.now_ns(), kLast);
 }
 
+TEST(Clock, WorkThatTakesTooLongForInt64EndsAtTheLastInstant) {
+  PhoneProfile slow;
+  slow.clock_mhz = 1;
+  slow.cycles_per_instruction = 100;
+  WorkMeter meter(slow);
+  meter.charge(Work::kOther, 1'000'000);
+  EXPECT_EQ(meter.modelled_ns(), 100'000'000'000) << "a million instructions of 100 us";
+  meter.charge(Work::kOther, 100'000'000'000'000);  // 1e19 ns, where int64_t ends at 9.2e18
+  EXPECT_EQ(meter.modelled_ns(), kLast);
+}
+
 TEST(Clock, TheThrottledClockForgetsWhatIsNotThePhonesWork) {
   platform::ThrottledClock clock(100);
   clock.idle_until(1'000'000'000'000);
