@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <utility>
 
 namespace pptam {
 
@@ -279,8 +280,8 @@ int Ground::planes(const MapAccess::Part& part, std::span<PlaneInfo> out) {
     points_.resize(static_cast<int>(std::remove_if(points_.begin(), points_.end(), on) - points_.begin()));
   }
   const size_t copied = std::min(static_cast<size_t>(count), out.size());
-  std::stable_sort(out.begin(), out.begin() + static_cast<ptrdiff_t>(copied),
-                   [](const PlaneInfo& a, const PlaneInfo& b) { return a.points > b.points; });
+  for (size_t i = 1; i < copied; ++i)  // of the same number of points, that which was found first
+    for (size_t k = i; k > 0 && out[k].points > out[k - 1].points; --k) std::swap(out[k], out[k - 1]);
   return count;
 }
 

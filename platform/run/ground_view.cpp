@@ -120,6 +120,7 @@ std::string GroundView::picture(const RunLog& log) const {
   cairo_set_font_size(cr, 11);
   for (const Choice& choice : all) {
     const double x = static_cast<double>(choice.px.x()) + 0.5, y = static_cast<double>(choice.px.y()) + 0.5;
+    cairo_new_path(cr);  // the text before has left a point
     cairo_arc(cr, x, y, 8, 0, 6.2832);
     set_colour(cr, {0.1, 0.1, 0.1}, 0.85);
     cairo_fill_preserve(cr);
