@@ -68,7 +68,7 @@ struct RefinedPatch {
 };
 
 // Sub-pixel refinement by 2-DOF ESM: translation and mean offset, J = (grad T + grad I)/2 [phone 4]. start: position of
-// the reference point, image pixels. Ends after a step below 0.05 px or after max_steps, with the position reached.
+// the reference point, image pixels. Ends after a step below 0.03 px or after max_steps, with the position reached.
 // False when it moves more than 1.5 px from the start, leaves the image, or the normal equations are singular.
 bool refine_patch(const GreyView& image, const PatchTemplate& patch, const Eigen::Vector2f& start, int max_steps,
                   RefinedPatch* refined);
