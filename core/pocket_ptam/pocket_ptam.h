@@ -78,11 +78,11 @@ class System {
   Status set_length(uint32_t point_a, uint32_t point_b, float length);
 
   // Chooses the world's ground: the plane of the map points round what the last frame showed at px, level-0 pixels,
-  // becomes z = 0, with z towards that frame's camera, x along its x, and the origin at px. The scale stays. Poses follow
-  // from the next frame on; *change, if not null, takes old coordinates to new ones: p_new = *change * p_old. Refused,
-  // with nothing changed, when the last frame had no pose (also while another map is looked at, until the next frame), px
-  // is not within the image, fewer than half of the dozen points round it lie on one plane, or the ray meets that at under
-  // 3 degrees. At once, not in slices: about 2 million ARMv6 instructions (an estimate).
+  // becomes z = 0, with z towards that frame's camera, x along its x, and the origin at px. The scale stays. Poses
+  // follow from the next frame on; *change, if not null, takes old coordinates to new ones: p_new = *change * p_old.
+  // Refused, with nothing changed, when the last frame had no pose (also while another map is looked at, until the next
+  // frame), px is not within the image, fewer than half of the dozen points round it lie on one plane, or the ray meets
+  // that at under 3 degrees. At once, not in slices: about 2 million ARMv6 instructions (an estimate).
   Status set_ground(const Vector2f& px, Similarity* change = nullptr);
   // The planes that hold most of a finished map's points, at least 12 and 8 % of them each, the largest first: what may
   // be the ground. Copies up to out.size() and returns how many there are, at most kMostPlanes. map: as in keyframes().

@@ -181,8 +181,8 @@ PPTAM_API pptam_status pptam_get_config(const pptam_system* system, pptam_config
 typedef int64_t (*pptam_clock)(void* user);
 PPTAM_API pptam_status pptam_set_clock(pptam_system* system, pptam_clock now_ns, void* user);
 
-// What the system does while it does it, for traces: see tracer.h. Spans are nested, counters are told at the end of each
-// frame. Nothing that is tracked or mapped depends on it.
+// What the system does while it does it, for traces: see tracer.h. Spans are nested, counters are told at the end of
+// each frame. Nothing that is tracked or mapped depends on it.
 typedef enum pptam_span {
   PPTAM_SPAN_FRAME,  // a call of pptam_track(); in it, one after the other, its stages
   PPTAM_SPAN_PYRAMID,

@@ -97,8 +97,8 @@ struct TrackResult {
   // Which map the pose belongs to, each in a world of its own: 1, 2, ... in the order in which they were finished; 0
   // without a finished map. A number comes again when its map is taken up again.
   int map = 0;
-  // How often set_length() and set_ground() have changed the coordinates of the map then in use: what was placed by older
-  // ones is to be moved.
+  // How often set_length() and set_ground() have changed the coordinates of the map then in use: what was placed by
+  // older ones is to be moved.
   int world_changes = 0;
   int maps = 0;              // finished ones that are kept, that in use included
   int keyframes = 0;         // in the map, live
