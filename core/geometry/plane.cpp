@@ -59,12 +59,12 @@ bool fit_plane(std::span<const Vector3f> points, std::span<const float> weights,
     sum += weight_of(i);
     ++inliers;
   }
-  if (inliers < kMinPlanePoints || !(sum > 0)) return false;
+  if (inliers < kMinFittedPoints || !(sum > 0)) return false;
   mean /= sum;
   Matrix3f scatter = Matrix3f::Zero();
   for (size_t i = 0; i < points.size(); ++i) {
     if (!near(points[i])) continue;
-    const Vector3f p = points[i];
+    const Vector3f& p = points[i];
     scatter += weight_of(i) * ((p - mean) * (p - mean).transpose());
   }
   const Eigen::SelfAdjointEigenSolver<Matrix3f> solver(scatter);

@@ -41,8 +41,8 @@ struct PlaneSupport {
 PlaneSupport support_of(std::span<const Vector3f> points, const Plane& plane, float threshold);
 
 // One least-squares fit to the points nearer than the threshold. weights: of each point; empty: all alike. False, with
-// nothing changed, when there are fewer than kMinPlanePoints of them.
-constexpr int kMinPlanePoints = 6;
+// nothing changed, when there are fewer than kMinFittedPoints of them.
+constexpr int kMinFittedPoints = 6;
 bool fit_plane(std::span<const Vector3f> points, std::span<const float> weights, float threshold, Plane* plane);
 
 }  // namespace pptam

@@ -31,7 +31,8 @@ std::string circumstances(const BudgetOptions& options) {
   stories.reserve(options.stories.size());
   for (const std::string& story : options.stories) {
     const std::string own = camera_text(phone_of(options, story));
-    stories.push_back(own == camera ? story : story + " (" + own + ")");
+    stories.push_back(story);
+    if (own != camera) stories.back().append(" (").append(own).append(")");
   }
   return "# " + camera + format(", seed %llu: ", static_cast<unsigned long long>(options.seed)) + joined(stories);
 }

@@ -85,7 +85,7 @@ TEST(Plane, TooFewPointsAndPointsInALineGiveNone) {
   for (int trial = 0; trial < 50; ++trial) EXPECT_FALSE(sampler.next().found);
   EXPECT_FALSE(PlaneSampler({}, 1).next().found);
   Plane plane = {Vector3f::UnitZ(), 2, true};
-  EXPECT_FALSE(fit_plane(std::span(line).first(kMinPlanePoints - 1), {}, 0.1f, &plane));
+  EXPECT_FALSE(fit_plane(std::span(line).first(kMinFittedPoints - 1), {}, 0.1f, &plane));
   EXPECT_EQ(plane.offset, 2) << "nothing has changed";
   const std::vector<float> none(line.size(), 0.0f);
   EXPECT_FALSE(fit_plane(line, none, 0.1f, &plane));
