@@ -153,7 +153,9 @@ TEST(SavedMap, ServesSmallerImagesOfTheSameCamera) {
 }
 
 // Locked, both track the same map: the same errors in every run. What is left is the tracker's memory of the moment
-// before, and what it has counted.
+// before, what it has counted, and the templates that it keeps, which may be an eighth of a pixel wrong: without those
+// the ratios of three runs are within 0.002 of 1, with them their logarithms have an rms of 0.03. The bound is three
+// times that.
 TEST(SavedMap, LockedItIsTrackedAsIfThereHadBeenNoInterruption) {
   for (const char* scene : {"desk", "boxes", "walls"}) {
     for (const uint64_t seed : {1, 2}) {
@@ -190,7 +192,7 @@ TEST(SavedMap, LockedItIsTrackedAsIfThereHadBeenNoInterruption) {
       const double ratio = ate(interrupted, uninterrupted, whole.truth) / ate(uninterrupted, interrupted, whole.truth);
       std::printf("%s, seed %d, locked: position error %.3f times that without the interruption\n", scene,
                   static_cast<int>(seed), ratio);
-      EXPECT_LT(ratio, 1.05);
+      EXPECT_LT(ratio, 1.1);
     }
   }
 }
