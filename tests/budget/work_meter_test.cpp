@@ -66,8 +66,8 @@ double ratio(const Spent& work) {
 TEST(Budget, OfTheWorkMeter) {
   if (!test::kPhone || !test::counter_available())
     GTEST_SKIP() << "nothing counts instructions here: tests/run.sh runs this on an emulated ARM1176";
-  // Most stages are within a tenth; the pose's is charged 16 % too little, partial points' 12 %, and the adjustment of
-  // a new keyframe 12 % too much.
+  // Most stages are within a tenth; the pose's is charged 14 % too little, the adjustment of a new keyframe 13 % too
+  // much.
   constexpr double kStage = 0.18, kAll = 0.05;
   // Stages below this share of all work are told, not judged: the estimates of small things are rough.
   constexpr double kSmall = 0.01;
