@@ -12,7 +12,7 @@ namespace {
 
 // Comparing a pixel of two small images, whole and shifted, costs this fraction of a pixel of full-frame rotation:
 // estimates.
-constexpr int kWholePerRotationPixel = 20, kShiftedPerRotationPixel = 7;
+constexpr int kWholePerRotationPixel = 20, kShiftedPerRotationPixel = 20;
 
 // Longer side of the images for the comparison of shifted ones, pixels: a shift by one of them is 5 degrees on the
 // phone, from half of which the full-frame rotation finds the rest. Not swept.
@@ -147,11 +147,11 @@ int ranked(std::span<float> scores, int rank) {
 // The keyframes that an attempt compares: parts of `most` in turn.
 struct Part {
   int first = 0, end = 0, rank = 0;
-  Part(int keyframes, int most, int attempt) {
+  Part(int keyframes, int most, int ranks, int attempt) {
     const int parts = std::max(1, (keyframes + most - 1) / most);
-    first = attempt / kRelocalisationRanks % parts * most;
+    first = attempt / ranks % parts * most;
     end = std::min(first + most, keyframes);
-    rank = attempt % kRelocalisationRanks;
+    rank = attempt % ranks;
   }
   size_t size() const { return static_cast<size_t>(std::max(0, end - first)); }
 };
@@ -175,7 +175,7 @@ RelocalisationCandidate propose_pose(const Map& map, const Camera& camera, FullF
   const int slots = map.keyframes().size();
   int compared = 0;
   if (attempt % 2 == 0) {
-    const Part part(slots, kComparedKeyframes, attempt / 2);
+    const Part part(slots, kComparedKeyframes, kRelocalisationRanks, attempt / 2);
     float scores[kComparedKeyframes];
     for (int k = part.first; k < part.end; ++k) {
       const Keyframe& keyframe = map.keyframes()[k];
@@ -190,7 +190,7 @@ RelocalisationCandidate propose_pose(const Map& map, const Camera& camera, FullF
     return candidate;
   }
   // Of each scale the best, from which the aligned images choose.
-  const Part part(slots, kShiftedKeyframes, attempt / 2);
+  const Part part(slots, kShiftedKeyframes, 1, attempt / 2);
   const Thumb frame[kScaleCount] = {{small, kScales[0]}, {small, kScales[1]}, {small, kScales[2]}};
   float scores[kScaleCount][kShiftedKeyframes];
   Overlay overlays[kScaleCount][kShiftedKeyframes];

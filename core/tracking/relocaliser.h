@@ -19,12 +19,12 @@ struct RelocalisationCandidate {
 
 // Keyframes compared in one attempt, whole images and shifted ones: 0.5 and at most 2 million ARMv6 instructions
 // (estimates). Bounds the time of a lost frame.
-constexpr int kComparedKeyframes = 128, kShiftedKeyframes = 24;
+constexpr int kComparedKeyframes = 128, kShiftedKeyframes = 8;
 constexpr int kRelocalisationRanks = 3;  // best keyframes among these that are tried, one an attempt; not swept
 
 // One attempt, counted from 0 since the camera was lost: of even number with whole images, of odd number with shifted
 // ones. It compares so many keyframes and aligns the rotation of one of the best by zero-mean sum of squared
-// differences. Successive attempts of a kind take the next best, then the next keyframes, then the first ones again.
+// differences. Successive attempts take the next best (of whole images), then the next keyframes, then the first again.
 // keyframe = -1 when there are not that many or the rotation does not align.
 RelocalisationCandidate propose_pose(const Map& map, const Camera& camera, FullFrameRotation& full_frame_rotation,
                                      bool lamp_bands, const GreyView& small, int attempt, WorkMeter& meter);
