@@ -10,9 +10,9 @@ namespace pptam {
 
 namespace {
 
-// Comparing a pixel of two small images, whole and shifted, costs this fraction of a pixel of full-frame rotation:
-// estimates.
-constexpr int kWholePerRotationPixel = 20, kShiftedPerRotationPixel = 20;
+// Comparing a pixel of two small images, whole or shifted, costs this fraction of a pixel of full-frame rotation: an
+// estimate.
+constexpr int kComparisonsPerRotationPixel = 20;
 
 // Longer side of the images for the comparison of shifted ones, pixels: a shift by one of them is 5 degrees on the
 // phone, from half of which the full-frame rotation finds the rest. Not swept.
@@ -184,7 +184,7 @@ RelocalisationCandidate propose_pose(const Map& map, const Camera& camera, FullF
       scores[k - part.first] = 1 / (1 + static_cast<float>(small_image_zmssd(keyframe.small, small)));
       compared += small.width * small.height;
     }
-    meter.charge(Work::kRotationPixel, compared / kWholePerRotationPixel);
+    meter.charge(Work::kRotationPixel, compared / kComparisonsPerRotationPixel);
     const int best = ranked({scores, part.size()}, part.rank);
     if (best >= 0) align(part.first + best, Moved());
     return candidate;
@@ -208,7 +208,7 @@ RelocalisationCandidate propose_pose(const Map& map, const Camera& camera, FullF
     }
     size = {nullptr, thumb.image.width, thumb.image.height, thumb.image.stride};
   }
-  meter.charge(Work::kRotationPixel, compared / kShiftedPerRotationPixel);
+  meter.charge(Work::kRotationPixel, compared / kComparisonsPerRotationPixel);
   for (size_t scale = 0; scale < kScaleCount; ++scale) {
     const int best = ranked({scores[scale], part.size()}, part.rank);
     if (best < 0) continue;

@@ -48,10 +48,10 @@ TEST(Plane, SamplingAndFittingFindThePlaneAmongOthers) {
     }
     ASSERT_TRUE(best.found);
     for (int fit = 0; fit < 3; ++fit) ASSERT_TRUE(fit_plane(s.points, {}, 0.02f, &best));
-    // 60 points with a deviation of 0.01 / sqrt(3) over an extent of 0.58: 0.0013 radians, six sigmas; strays within
+    // 60 points with a deviation of 0.01 / sqrt(3) over an extent of 0.58: 0.0013 radians, of which six; strays within
     // the threshold are some 1 % and weigh as much.
-    EXPECT_GT(best.normal.dot(s.normal), std::cos(0.02f));
-    EXPECT_NEAR(best.offset, s.offset, 0.02f);
+    EXPECT_GT(best.normal.dot(s.normal), std::cos(0.01f));
+    EXPECT_NEAR(best.offset, s.offset, 0.01f);
     const PlaneSupport support = support_of(s.points, best, 0.02f);
     EXPECT_GE(support.on, 60);
     EXPECT_GT(support.beyond, 0);
