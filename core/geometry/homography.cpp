@@ -197,6 +197,19 @@ Decomposition decompose_homography(const Matrix3f& H, std::span<const Vector2f> 
   return result;
 }
 
+// A rotation's last row and last column are equally long but for their common element: that gives k. Whether the rest
+// fits, the singular values tell.
+float focal_of_rotation(const Matrix3f& H, float max_ratio, float rotation_tolerance) {
+  const float column = H.block<2, 1>(0, 2).norm(), row = H.block<1, 2>(2, 0).norm();
+  if (!(row > 0.0f && column > 0.0f)) return 0;
+  const float k = std::sqrt(column / row);
+  if (!(k <= max_ratio && k * max_ratio >= 1.0f)) return 0;
+  Matrix3f R = H;
+  R.block<2, 1>(0, 2) /= k;
+  R.block<1, 2>(2, 0) *= k;
+  return decompose_homography(R, {}, rotation_tolerance).pure_rotation ? k : 0;
+}
+
 // Point x of the plane is seen at the projection of w = R x + t (n . x), so with w / w.z = (y, 1)
 //   d(y) = [I, -y] / w.z * (-hat(R x) d(rotation) + (n . x) d(t) + t x^T d(n)),  d(n) in the plane's two tangents.
 DecompositionQuality decomposition_quality(const PlaneMotion& motion, std::span<const Vector2f> points, float sigma) {

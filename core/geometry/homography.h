@@ -62,6 +62,12 @@ struct Decomposition {
 // H is not finite, is singular, or sees the plane's two sides.
 Decomposition decompose_homography(const Matrix3f& H, std::span<const Vector2f> points, float rotation_tolerance);
 
+// The focal length, relative to the one by which H's points were normalised, with which H is a pure rotation within
+// rotation_tolerance, as Decomposition::pure_rotation: H = D R D^-1, D = diag(k, k, 1), the principal point being
+// right. 0 when there is none in 1 / max_ratio to max_ratio. A wrong field of view makes parallax of turning, but only
+// some that one k explains; moving sideways while turning the same way can look alike, until it goes on.
+float focal_of_rotation(const Matrix3f& H, float max_ratio, float rotation_tolerance);
+
 struct DecompositionQuality {
   float eigenvalue_ratio = 0;  // min/max eigenvalue of the 8x8 information matrix [phone 5.1]
   float sigma_n_rad = 3.14f;   // standard deviation of the plane's normal, worst direction, radians; pi: unknown

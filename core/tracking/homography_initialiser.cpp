@@ -35,6 +35,9 @@ constexpr float kMinMargin = 0.8f;
 constexpr float kTremorCorrelation_s = 0.2f;
 // d1 / d3 - 1 of the homography's singular values under which it is a pure rotation [phone 5.1]. Not swept.
 constexpr float kPureRotationTolerance = 0.02f;
+// A wrong field of view by up to this factor makes no map of turning. The larger, the more starts wait in which the
+// camera moves and turns alike.
+constexpr float kMaxWrongFocal = 2.2f;
 // Rotation without a baseline, 8 degrees, from which on the user is told (Hint::kOnlyRotating). Not swept.
 constexpr float kMaxPureTurn_rad = 0.14f;
 // What counts as a plane: robust scale of the residuals, level-0 px, and share of the found points that fit. On planes
@@ -163,7 +166,9 @@ void HomographyInitialiser::constrain(const FrameInput& frame, const Matrix3f& R
   const bool planar = most_fit && tracker_.sigma_px() < kMaxPlanarSigma_px;
   const bool certainly_planar = planar && tracker_.sigma_px() < kCertainPlanarSigma_px;
   const Vector3f rotation_rate = so3_log(R_cp) / dt_s;
-  if (planar && (decomposition.pure_rotation || decomposition.count == 0)) {
+  const bool turns = decomposition.pure_rotation || decomposition.count == 0 ||
+                     focal_of_rotation(tracker_.H(), kMaxWrongFocal, kPureRotationTolerance) > 0;
+  if (planar && turns) {
     if (sharp && so3_log(orthonormalised(tracker_.H())).norm() > kMaxPureTurn_rad) report_.hint = Hint::kOnlyRotating;
     report_.progress = information_ = 0;
     renew_first_view(frame, rotation_rate);

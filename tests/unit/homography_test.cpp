@@ -296,6 +296,54 @@ TEST(Homography, RotationToleranceSeparatesRotationFromTranslation) {
   }
 }
 
+// Turning seen by a camera whose focal length is k times the one assumed. k is the square root of the ratio of two
+// elements' lengths, at least sin(3 degrees) / 2 here, of which the rounding of H leaves a few parts in 10^6.
+TEST(Homography, RotationIsRecognisedWithAnotherFocalLength) {
+  test::Random random;
+  int told_as_motion = 0;
+  constexpr int kTrials = 500;
+  for (int i = 0; i < kTrials; ++i) {
+    const double k = std::exp(random.uniform(std::log(0.5), std::log(2.0)));
+    Eigen::Vector3d axis = random_direction(random);
+    axis.z() *= 0.3;
+    axis.normalize();
+    const Eigen::Matrix3d R = Eigen::AngleAxisd(random.uniform(3, 25) * kDegree, axis).matrix();
+    const Eigen::Vector3d D(k, k, 1);
+    const Matrix3f H = (0.4 * (D.asDiagonal() * R * D.cwiseInverse().asDiagonal())).cast<float>();
+    ASSERT_NEAR(focal_of_rotation(H, 2.1f, 1e-3f), k, 1e-5 * k) << i;
+    EXPECT_EQ(focal_of_rotation(H, static_cast<float>(0.99 * std::max(k, 1 / k)), 1e-3f), 0) << "out of the range";
+    told_as_motion += !decompose_homography(H, {}, 0.02f).pure_rotation;
+  }
+  EXPECT_GT(told_as_motion, kTrials / 2) << "control: with the focal length assumed most are motion past a plane";
+}
+
+// A plane's homography has another form, but where the camera moves along the plane while it turns the same way.
+TEST(Homography, SidewaysMotionIsNoRotationOfAnyFocalLength) {
+  test::Random random;
+  int alike = 0;
+  constexpr int kTrials = 500;
+  for (int i = 0; i < kTrials; ++i) {
+    Scene scene = random_scene(random, 20 * kDegree, 0.1, 0, 10);
+    const Eigen::Vector3d along = random_direction(random);
+    scene.t = 0.1 * (along - along.dot(scene.n) * scene.n).normalized();
+    EXPECT_EQ(focal_of_rotation(scene.H().cast<float>(), 2.2f, 0.02f), 0) << i;
+    const Eigen::Vector3d axis = Eigen::Vector3d::UnitZ().cross(scene.t).normalized();  // its flow is that of t
+    scene.R = Eigen::AngleAxisd(0.1, axis).matrix();
+    scene.n = Eigen::Vector3d::UnitZ();
+    scene.t.z() = 0;
+    alike += focal_of_rotation(scene.H().cast<float>(), 2.2f, 0.02f) > 0;
+  }
+  EXPECT_GT(alike, kTrials / 2) << "control: what can not be told from a rotation";
+}
+
+TEST(Homography, NoFocalLengthComesOfNonsense) {
+  const float nan = std::numeric_limits<float>::quiet_NaN();
+  EXPECT_EQ(focal_of_rotation(Matrix3f::Zero(), 2.2f, 0.02f), 0);
+  EXPECT_EQ(focal_of_rotation(Matrix3f::Identity(), 2.2f, 0.02f), 0) << "it has none";
+  EXPECT_EQ(focal_of_rotation(Matrix3f::Constant(nan), 2.2f, 0.02f), 0);
+  EXPECT_EQ(focal_of_rotation(Matrix3f::Constant(1e30f), 2.2f, 0.02f), 0);
+}
+
 TEST(Homography, SmallBaselineIsAccurateInFloat32) {
   test::Random random;
   double worst = 0;
