@@ -290,6 +290,21 @@ void Map::forget_keyframe(int index) {
   gone.anchor = -1;
 }
 
+int Map::drop_keyframes_since(uint32_t id) {
+  PPTAM_ASSERT(exists() && id > keyframes_[0].id);
+  queue_.clear();
+  int dropped = 0;
+  for (int k = 1; k < keyframes_.size(); ++k)
+    if (keyframes_[k].live() && keyframes_[k].id >= id) erase_keyframe(k);
+  for (int k = 1; k < keyframes_.size(); ++k) {
+    if (keyframes_[k].id == 0 || keyframes_[k].id < id) continue;
+    forget_keyframe(k);
+    ++dropped;
+  }
+  if (dropped > 0) ++epoch_;
+  return dropped;
+}
+
 void Map::follow_anchors() {
   for (Keyframe& keyframe : keyframes_)
     if (keyframe.id != 0 && keyframe.erased) keyframe.T_kw = keyframe.T_anchor * keyframes_[keyframe.anchor].T_kw;

@@ -131,8 +131,8 @@ class Map {
   void set_full(bool full) { full_ = full; }
   void clear();      // the map in use; keeps storage; ids are not used again
   void clear_all();  // and those that are set aside
-  // Counts clear(), settle() and changes of coordinates by the user. After any, the mapper drops the job that it was
-  // doing.
+  // Counts clear(), settle(), drop_keyframes_since() and changes of coordinates by the user. After any, the mapper
+  // drops the job that it was doing.
   uint32_t epoch() const { return epoch_; }
 
   // Several maps. A finished map has a number, which no other has: 1 for the first one; 0: there is none in use.
@@ -181,6 +181,11 @@ class Map {
   // Empties the slot of an erased keyframe. Points whose patch source it was get another source among the keyframes
   // that measure them. Partial points of the keyframe are removed.
   void forget_keyframe(int index);
+  // Ids grow: the next one that is given to a keyframe or a point.
+  uint32_t next_id() const { return next_id_; }
+  // Removes the keyframes that have ids from `id` on, erased ones too, with the points left with fewer than two
+  // measurements, and those that wait in the queue. Not for the datum. Returns how many were removed from the map.
+  int drop_keyframes_since(uint32_t id);
   // Moves erased keyframes along with their anchors: to be called after every change of live poses.
   void follow_anchors();
   // Adds a frame next to an initial keyframe; returns its index.

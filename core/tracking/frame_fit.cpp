@@ -20,7 +20,7 @@ constexpr float kMaxMisfit_s = 3.0f;
 
 }  // namespace
 
-bool FrameFit::fits(float residual_px, float dt_s) {
+bool FrameFit::fits(float residual_px, float dt_s, uint32_t next_id) {
   dt_s = std::min(dt_s, kMaxStep_s);
   if (usual_px_ == 0) usual_px_ = residual_px;  // stays unknown while a residual is zero
   const bool fits = residual_px <= kMaxRelativeResidual * usual_px_;
@@ -30,6 +30,7 @@ bool FrameFit::fits(float residual_px, float dt_s) {
     usual_px_ = std::clamp(residual_px, usual_px_ / factor, usual_px_ * factor);
     return true;
   }
+  if (misfit_s_ == 0) first_id_ = next_id;
   misfit_s_ += dt_s;
   if (misfit_s_ > kMaxMisfit_s) {
     usual_px_ = residual_px;

@@ -40,7 +40,8 @@ constexpr int kEnoughToRefuse = 32;
 // nothing: templates are blurred by as much in level 1 as can still be told apart, most of their width. With 6 in place
 // of 12, and sharp templates, two emulated dim rooms cost 2 and 5 times the error (1.07 in place of 0.19 % in one).
 constexpr float kCoarseBlur_px = 12.0f;
-constexpr int64_t kSetAsideInstructions = 100;  // ARMv6, of one slot of map points: an estimate
+// ARMv6, of one slot of map points, estimates: to set a map aside, and to drop a keyframe.
+constexpr int64_t kSetAsideInstructions = 100, kDropInstructions = 50;
 // Error of the pose in the image, pixels of the level searched, where map points gave it, and where it is predicted.
 // Not swept.
 constexpr float kPlacedMargin_px = 2.0f, kPredictedMargin_px = 4.0f;
@@ -251,6 +252,7 @@ void Tracker::miss() {
   confirmed_ = 0;
   relocalise_attempt_ = 0;
   if (map_.ready()) {
+    if (state_ == TrackingState::kTracking) drop_doubted();
     state_ = TrackingState::kLost;
     hint_ = Hint::kReturnToKnownView;
   } else {
@@ -258,6 +260,16 @@ void Tracker::miss() {
     state_ = TrackingState::kWaiting;
     hint_ = Hint::kStartLost;
   }
+}
+
+// Lost out of a misfit: the pictures were not what they seemed, as those of a stabiliser or a zoom that jumps back.
+// What the map took from them would pull it, and every later pose with it.
+void Tracker::drop_doubted() {
+  const uint32_t id = frame_fit_.doubted_since();
+  if (id == 0 || map_.locked()) return;
+  meter_.charge(Work::kOther, kDropInstructions * map_.points().size() * map_.drop_keyframes_since(id));
+  frame_fit_.forget();
+  matching_.restart();
 }
 
 void Tracker::accept(const MapMatch& match, bool blurred, TrackResult* result) {
@@ -280,7 +292,8 @@ void Tracker::accept(const MapMatch& match, bool blurred, TrackResult* result) {
   // The map takes nothing from blurred frames, nor from misfits while it serves without. It does from those of poor
   // quality: few points that agree constrain a pose whatever was not found, and a map that does not grow there starves.
   if (blurred) return;
-  result->misfit = map_.ready() && match.inliers > 0 && !frame_fit_.fits(result->reprojection_px, frame_.dt_s());
+  result->misfit =
+      map_.ready() && match.inliers > 0 && !frame_fit_.fits(result->reprojection_px, frame_.dt_s(), map_.next_id());
   if (result->misfit) result->quality = TrackingQuality::kPoor;
   if (result->misfit && match.inliers >= kEnoughToRefuse) return;
   const bool fixed = map_.ready() && map_.locked();

@@ -51,6 +51,7 @@ class Tracker {
   MapMatch match_with_partials(MapMatching::Search search, bool allowed);
   void accept(const MapMatch& match, bool blurred, TrackResult* result);
   void miss();
+  void drop_doubted();
   void relocalise(TrackResult* result);
   bool find_candidate(int* attempt, TrackResult* result);
   void begin_anew_if_lost_long();

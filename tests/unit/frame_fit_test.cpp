@@ -18,7 +18,7 @@ TEST(FrameFit, UsualFramesFitWhateverTheCamera) {
     for (int i = 0; i < 600; ++i) {
       // Within 25 % of the usual value: from the smallest to the largest by 1.67, under the limit of 1.7 whatever the
       // first frame was.
-      EXPECT_TRUE(fit.fits(usual_px * static_cast<float>(random.uniform(0.75, 1.25)), kFrame_s))
+      EXPECT_TRUE(fit.fits(usual_px * static_cast<float>(random.uniform(0.75, 1.25)), kFrame_s, 1))
           << usual_px << " " << i;
     }
   }
@@ -26,9 +26,27 @@ TEST(FrameFit, UsualFramesFitWhateverTheCamera) {
 
 TEST(FrameFit, AJumpDoesNotFitAndTheOldOnesDoAfterwards) {
   FrameFit fit;
-  for (int i = 0; i < 30; ++i) fit.fits(0.2f, kFrame_s);
-  for (int i = 0; i < 30; ++i) EXPECT_FALSE(fit.fits(0.6f, kFrame_s)) << i;  // 2 s
-  for (int i = 0; i < 30; ++i) EXPECT_TRUE(fit.fits(0.2f, kFrame_s)) << i;
+  for (int i = 0; i < 30; ++i) fit.fits(0.2f, kFrame_s, 1);
+  for (int i = 0; i < 30; ++i) EXPECT_FALSE(fit.fits(0.6f, kFrame_s, 1)) << i;  // 2 s
+  for (int i = 0; i < 30; ++i) EXPECT_TRUE(fit.fits(0.2f, kFrame_s, 1)) << i;
+}
+
+TEST(FrameFit, WhatIsMadeInAMisfitIsDoubtedUntilItIsOver) {
+  FrameFit fit;
+  for (uint32_t id = 1; id <= 30; ++id) fit.fits(0.2f, kFrame_s, id);
+  EXPECT_EQ(fit.doubted_since(), 0u);
+  for (uint32_t id = 31; id <= 45; ++id) {  // a second
+    fit.fits(0.6f, kFrame_s, id);
+    EXPECT_EQ(fit.doubted_since(), 31u);
+  }
+  for (uint32_t id = 46; id <= 59; ++id) fit.fits(0.2f, kFrame_s, id);
+  EXPECT_EQ(fit.doubted_since(), 31u) << "it has not fitted for as long";
+  for (uint32_t id = 60; id <= 61; ++id) fit.fits(0.2f, kFrame_s, id);
+  EXPECT_EQ(fit.doubted_since(), 0u);
+  fit.fits(0.6f, kFrame_s, 62);
+  EXPECT_EQ(fit.doubted_since(), 62u);
+  for (uint32_t id = 63; id <= 63 + 45; ++id) fit.fits(0.6f, kFrame_s, id);
+  EXPECT_EQ(fit.doubted_since(), 0u) << "what lasts has become usual";
 }
 
 TEST(FrameFit, SlowChangesAreFollowedAtAnyFrameRate) {
@@ -36,8 +54,8 @@ TEST(FrameFit, SlowChangesAreFollowedAtAnyFrameRate) {
     FrameFit slow, quick;
     bool all_fit = true, all_fit_quick = true;
     for (float t_s = 0; t_s < 20; t_s += frame_s) {
-      all_fit &= slow.fits(0.2f * (1 + 0.1f * t_s), frame_s);  // 10 % a second at most: slower than what is learnt
-      all_fit_quick &= quick.fits(0.2f * (1 + 1.2f * t_s), frame_s);  // 2.5 times what is learnt after 1.8 s
+      all_fit &= slow.fits(0.2f * (1 + 0.1f * t_s), frame_s, 1);  // 10 % a second at most: slower than what is learnt
+      all_fit_quick &= quick.fits(0.2f * (1 + 1.2f * t_s), frame_s, 1);  // 2.5 times what is learnt after 1.8 s
     }
     EXPECT_TRUE(all_fit) << frame_s;
     EXPECT_FALSE(all_fit_quick) << frame_s;
@@ -46,28 +64,28 @@ TEST(FrameFit, SlowChangesAreFollowedAtAnyFrameRate) {
 
 TEST(FrameFit, WhatLastsBecomesUsual) {
   FrameFit fit;
-  for (int i = 0; i < 30; ++i) fit.fits(0.2f, kFrame_s);
+  for (int i = 0; i < 30; ++i) fit.fits(0.2f, kFrame_s, 1);
   int refused = 0;
-  while (refused < 1000 && !fit.fits(0.6f, kFrame_s)) ++refused;
+  while (refused < 1000 && !fit.fits(0.6f, kFrame_s, 1)) ++refused;
   EXPECT_NEAR(static_cast<float>(refused) * kFrame_s, 3.0f, 2 * kFrame_s);
 }
 
 TEST(FrameFit, APauseTeachesNothing) {
   for (const float before_px : {0.19f, 0.21f}) {
     FrameFit fit;
-    for (int i = 0; i < 30; ++i) fit.fits(0.2f, kFrame_s);
-    EXPECT_TRUE(fit.fits(before_px, 3600)) << "an hour's pause";
-    EXPECT_FALSE(fit.fits(0.6f, kFrame_s)) << "usual is still 0.2";
-    EXPECT_TRUE(fit.fits(0.2f, kFrame_s));
-    EXPECT_FALSE(fit.fits(0.6f, 3600));
-    EXPECT_FALSE(fit.fits(0.6f, kFrame_s)) << "one frame after a pause is not a misfit that lasts";
+    for (int i = 0; i < 30; ++i) fit.fits(0.2f, kFrame_s, 1);
+    EXPECT_TRUE(fit.fits(before_px, 3600, 1)) << "an hour's pause";
+    EXPECT_FALSE(fit.fits(0.6f, kFrame_s, 1)) << "usual is still 0.2";
+    EXPECT_TRUE(fit.fits(0.2f, kFrame_s, 1));
+    EXPECT_FALSE(fit.fits(0.6f, 3600, 1));
+    EXPECT_FALSE(fit.fits(0.6f, kFrame_s, 1)) << "one frame after a pause is not a misfit that lasts";
   }
 }
 
 TEST(FrameFit, APerfectFirstFrameDoesNotBlockTheMap) {
   FrameFit fit;
   int refused = 0;
-  for (int i = 0; i < 60; ++i) refused += !fit.fits(i == 0 ? 0.0f : 0.2f, kFrame_s);
+  for (int i = 0; i < 60; ++i) refused += !fit.fits(i == 0 ? 0.0f : 0.2f, kFrame_s, 1);
   EXPECT_EQ(refused, 0);  // nothing is learnt from a residual of zero
 }
 

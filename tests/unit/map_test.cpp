@@ -327,6 +327,40 @@ TEST_F(MapTest, KeyframesKeepTheirOwnImagesThroughTheQueue) {
   }
 }
 
+// What was made since an id goes as if it had never been: keyframes, live and erased, what was measured in them, points
+// and partial points that only they saw, and what waits in the queue. What was there before stays.
+TEST_F(MapTest, KeyframesSinceAnIdAreDropped) {
+  fill(3, 20);
+  map_.add_partial_point(kFromTheFirst, Vector3f::UnitZ(), 1);
+  const uint64_t before = map_.hash();
+  const uint32_t id = map_.next_id(), epoch = map_.epoch();
+  for (int k = 3; k < 6; ++k) {
+    ASSERT_EQ(test::add_keyframe(map_, SE3::exp(random_twist(0.06, 0.03))), k);
+    for (int i = 0; i < 20; ++i)
+      map_.add_measurement(i, test::measure_exactly(map_, config_.camera, k, map_.points()[i].p_w));
+  }
+  const Vector3f seen_late(0.1f, 0, 1);
+  const int late = map_.add_point(seen_late, {4, Vector2f::Zero(), -Vector3f::UnitZ()});
+  for (const int k : {2, 4}) map_.add_measurement(late, test::measure_exactly(map_, config_.camera, k, seen_late));
+  const int partial = map_.add_partial_point({3, Vector2f::Zero(), -Vector3f::UnitZ()}, Vector3f::UnitZ(), 1);
+  map_.erase_keyframe(5);
+  map_.queue().hold();
+  map_.queue().release();
+  EXPECT_NE(map_.hash(), before) << "control";
+
+  EXPECT_EQ(map_.drop_keyframes_since(id), 3);
+  map_.check_consistency();
+  EXPECT_EQ(map_.hash(), before);
+  EXPECT_EQ(map_.live_count(), 3);
+  EXPECT_EQ(map_.erased_count(), 0);
+  EXPECT_EQ(map_.partial_points()[partial].id, 0u);
+  EXPECT_NE(map_.partial_points()[0].id, 0u);
+  EXPECT_EQ(map_.queue().waiting(), 0);
+  EXPECT_EQ(map_.epoch(), epoch + 1) << "a paused job of the mapper knows the old ones";
+  EXPECT_EQ(map_.drop_keyframes_since(map_.next_id()), 0);
+  EXPECT_EQ(map_.epoch(), epoch + 1) << "nothing has changed";
+}
+
 // ---- several maps ----
 
 TEST_F(MapTest, AnotherMapIsLeftAsItIs) {
