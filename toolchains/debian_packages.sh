@@ -15,7 +15,7 @@ display_packages=(                                      # pictures: overlays, sc
 window_packages=(libsdl2-dev)                           # --show in a window
 window_test_packages=(xvfb xdotool x11-apps)            # tests/display: an X server without a screen
 calibrate_packages=(libopencv-calib3d-dev)              # only calibrate needs it, and it is large: not the program's
-test_packages=(libgtest-dev dpkg-dev python3 "${calibrate_packages[@]}")  # dpkg-dev: packages are made
+test_packages=(libgtest-dev dpkg-dev file python3 "${calibrate_packages[@]}")  # dpkg-dev, file: packages are made
 target_packages=(                                       # tests/run.sh runs the core on other processors
   g++-arm-linux-gnueabi g++-arm-linux-gnueabihf g++-aarch64-linux-gnu qemu-user
 )
