@@ -16,7 +16,7 @@ namespace pptam {
 class FrameFit {
  public:
   // Whether this frame fits. residual_px: rms of the inliers of a pose that was measured, level-0 pixels. dt_s: seconds
-  // since the last frame. next_id: that of what the map makes next.
+  // since the last frame. next_id: what the map makes next; 0: not to be doubted.
   bool fits(float residual_px, float dt_s, uint32_t next_id);
   // Ids in the map from here on are of things made since a misfit began that is not over; 0: there is none.
   uint32_t doubted_since() const { return misfit_s_ > 0 ? first_id_ : 0; }
