@@ -13,11 +13,11 @@ Without options the presets below, one after the other:
   style     formatting and clang-tidy               armv6     kernels, map files and budget on an emulated ARM1176
   test      everything, by gcc                      armv7     kernels, map files and bits on a Cortex-A7 with NEON
   sanitize  unit, kernel, map file, bits and API    aarch64   the same on a 64-bit Cortex-A53
-            tests by clang with sanitizers
+            tests by clang with sanitizers          wasm      the library for browsers, by Node.js
 --all: besides, the tests of sanitize by clang without them, the unit tests on every processor, the studies whole that
 are otherwise sampled, in an emulated PC cameras with sanitizers, libcamera and a screen, the library as part of another
-project, the core without an operating system on an emulated microcontroller (cortex-m7), and the whole program for
-boards with Debian, emulated: board-arm64, board-armhf, board-armel.
+project, the web page in Chromium, the core without an operating system on an emulated microcontroller (cortex-m7), and
+the whole program for boards with Debian, emulated: board-arm64, board-armhf, board-armel.
 With other options one preset, test if none is named; those that are not known here go to ctest:
   tests/run.sh -L unit                   only the tests of one folder: unit, kernels, map_file, budget, scenario,
                                          calibrate, cli, display, platform, examples
@@ -28,15 +28,15 @@ HELP
   exit 0
 fi
 
-presets=(style test sanitize armv6 armv7 aarch64) one_preset="" options=()
+presets=(style test sanitize armv6 armv7 aarch64 wasm) one_preset="" options=()
 while (($# > 0)); do
   case "$1" in
     --all)
       export PPTAM_ALL=1
-      presets=(style test clang sanitize armv6 armv7 aarch64 cortex-m7 board-arm64 board-armhf board-armel)
+      presets=(style test clang sanitize armv6 armv7 aarch64 wasm cortex-m7 board-arm64 board-armhf board-armel)
       ;;
     --preset)
-      known=" style test debug clang sanitize armv6 armv7 aarch64 cortex-m7 board-arm64 board-armhf board-armel "
+      known=" style test debug clang sanitize armv6 armv7 aarch64 wasm cortex-m7 board-arm64 board-armhf board-armel "
       if [[ "$known" != *" ${2:-none} "* ]]; then
         echo "error: --preset needs one of$known; see --help" >&2
         exit 2
