@@ -28,6 +28,8 @@ let renderer = null;
 /** @type {MediaStreamTrack|null} */
 let track = null;
 let busy = false;  // the worker has a frame
+/** The newest frame that has come meanwhile. @type {{frame: VideoFrame|ImageBitmap, ns: bigint}|null} */
+let next = null;
 let lastNs = 0n;
 let recording = false;
 let locked = false;
@@ -139,20 +141,29 @@ async function takeFrame(ms) {
   nextFrame();
   const ns = BigInt(Math.round(1e6 * ms));
   if (ns <= lastNs || !worker || !status.version) return;
-  ++status.arrived;
-  if (busy) {
-    ++status.dropped;
-    return;
-  }
-  busy = true;
+  lastNs = ns;
+  let frame;
   try {
-    const frame = 'VideoFrame' in globalThis ? new VideoFrame(video, {timestamp: Number(ns / 1000n)}) :
+    frame = 'VideoFrame' in globalThis ? new VideoFrame(video, {timestamp: Number(ns / 1000n)}) :
       await createImageBitmap(video);
-    lastNs = ns;
-    tell({kind: 'frame', frame, time_ns: ns}, [/** @type {any} */ (frame)]);
-  } catch (error) {  // nothing is shown yet
-    busy = false;
+  } catch (error) {
+    return;  // nothing is shown yet
   }
+  ++status.arrived;
+  if (next) {
+    next.frame.close();
+    ++status.dropped;
+  }
+  next = {frame, ns};
+  if (!busy) sendNext();
+}
+
+function sendNext() {
+  busy = next !== null;
+  if (!next) return;
+  const {frame, ns} = next;
+  next = null;
+  tell({kind: 'frame', frame, time_ns: ns}, [/** @type {any} */ (frame)]);
 }
 
 // ---- Worker ---------------------------------------------------------------------------------------------------------
@@ -161,7 +172,7 @@ function startWorker() {
   if (worker) return;
   // In the one-file page worker and library are in the page itself.
   const {workerUrl, wasm} = /** @type {any} */ (globalThis).pocketPtamFiles || {};
-  worker = workerUrl ? new Worker(workerUrl, {type: 'module'}) :
+  worker = workerUrl ? new Worker(workerUrl) :
     new Worker(new URL('./tracker_worker.js', import.meta.url), {type: 'module'});
   worker.onmessage = ({data}) => answers[data.kind](data);
   worker.onerror = (event) => trouble(`The tracker does not start: ${event.message || 'its file is not beside the page'}`);
@@ -200,7 +211,7 @@ const answers = {
     layOut();
   },
   result(data) {
-    busy = false;
+    sendNext();
     const {result, frame, points} = data;
     ++status.tracked;
     if (result.pose_valid) ++status.poses;
@@ -219,7 +230,7 @@ const answers = {
     frame.close();
   },
   refused({why}) {
-    busy = false;
+    sendNext();
     if (++status.refused === 1) say(`a frame was refused: ${why}`);
   },
   said({text}) { say(text); },

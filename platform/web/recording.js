@@ -32,10 +32,10 @@ export function resultHash(r) {
   hash.add(BigInt64Array.of(r.timestamp_ns));
   hash.add(Int32Array.of(0, r.state, r.quality, r.hint, Number(r.pose_valid), r.points_attempted, r.points_found,
                          r.points_inliers, r.partial_found, r.keyframes, r.map_points));
-  const R = r.T_cw.R;  // there by columns
-  hash.add(Float32Array.of(R[0], R[3], R[6], R[1], R[4], R[7], R[2], R[5], R[8]));
+  const byColumns = (/** @type {Float32Array} */ m, /** @type {number} */ n) => m.map((_, i) => m[n * (i % n) + Math.floor(i / n)]);
+  hash.add(byColumns(r.T_cw.R, 3));
   hash.add(r.T_cw.t);
-  hash.add(r.covariance);
+  hash.add(byColumns(r.covariance, 6));  // its bits are not quite symmetric
   return hash.text();
 }
 

@@ -100,7 +100,9 @@ export class Browser {
 export class Page {
   /** @param {Browser} browser @param {string} target @param {string} session */
   constructor(browser, target, session) {
-    Object.assign(this, {browser, target, session});
+    this.browser = browser;
+    this.target = target;
+    this.session = session;
     /** @type {string[]} addresses that were asked for, by the page and its workers */
     this.requests = [];
     /** @type {string[]} */
