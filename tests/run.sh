@@ -83,6 +83,10 @@ if [[ " ${presets[*]} " == *" test "* ]]; then
   install_packages "${window_packages[@]}" "${window_test_packages[@]}" || echo "the tests of a window will be skipped"
 fi
 
+if [[ " ${presets[*]} " == *" wasm "* && -n "${PPTAM_ALL:-}" ]]; then
+  install_packages "${browser_packages[@]}" || echo "the page in a browser will be skipped"
+fi
+
 passed=0 failed=0 skipped=0
 count() {  # passed, failed, skipped
   passed=$((passed + $1)) failed=$((failed + $2)) skipped=$((skipped + $3))
@@ -136,6 +140,11 @@ for preset in "${presets[@]}"; do
       cmake --preset test --log-level=WARNING >/dev/null && cmake --build --preset test --parallel "$(nproc)" \
         --target pocket-ptam grey_frames frame_numbers || true  # missed, it is skipped
     fi
+  fi
+  if [[ "$preset" == wasm ]] && ! install_packages "${web_packages[@]}"; then
+    echo "skipped: wasm, whose packages cannot be had"
+    count 0 0 1
+    continue
   fi
   targets=() labels=""
   case "$preset" in
