@@ -25,6 +25,8 @@ let worker = null;
 let constants = {};
 /** @type {Renderer|null} */
 let renderer = null;
+/** Without WebGL: the picture alone. @type {CanvasRenderingContext2D|null} */
+let plain = null;
 /** @type {MediaStreamTrack|null} */
 let track = null;
 let busy = false;  // the worker has a frame
@@ -102,7 +104,6 @@ async function startCamera() {
     trouble('The camera has gone. Plug it in, or close the program that took it, and start again.');
     showButtons(false);
   });
-  startWorker();
   tellSetup();
   video.srcObject = stream;
   try {
@@ -169,7 +170,6 @@ function sendNext() {
 // ---- Worker ---------------------------------------------------------------------------------------------------------
 
 function startWorker() {
-  if (worker) return;
   // In the one-file page worker and library are in the page itself.
   const {workerUrl, wasm} = /** @type {any} */ (globalThis).pocketPtamFiles || {};
   worker = workerUrl ? new Worker(workerUrl) :
@@ -221,12 +221,7 @@ const answers = {
     showResult(data);
     locked = data.locked;
     element('lock').setAttribute('aria-pressed', String(locked));
-    try {
-      renderer ??= new Renderer(view);
-      if (renderer.draw(frame, status.camera, result, points, constants)) ++status.drawn;
-    } catch (error) {
-      trouble(error.message);
-    }
+    draw(frame, result, points);
     frame.close();
   },
   refused({why}) {
@@ -249,6 +244,18 @@ const answers = {
     say(`${frames} frames recorded${full ? ', until the memory for it was full' : ''}`);
   },
 };
+
+/** @param {VideoFrame|ImageBitmap} frame @param {any} result @param {Float32Array} points */
+function draw(frame, result, points) {
+  try {
+    if (!plain) renderer ??= new Renderer(view);
+  } catch (error) {
+    trouble(`${error.message}: there is the picture without the house.`);
+    plain = view.getContext('2d');
+  }
+  if (plain) plain.drawImage(frame, 0, 0, view.width, view.height);
+  else if (renderer?.draw(frame, status.camera, result, points, constants)) ++status.drawn;
+}
 
 /** Maps belong to one camera and its settings. */
 function cameraName() {
@@ -314,3 +321,4 @@ element('kind').value = /Mobi|Android|iPhone|iPad/.test(navigator.userAgent) ? '
 showKind();
 element('kind').addEventListener('change', () => { showKind(), tellSetup(); });
 for (const id of ['fov', 'readout', 'lines']) element(id).addEventListener('change', tellSetup);
+startWorker();

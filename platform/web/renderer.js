@@ -37,7 +37,7 @@ export class Renderer {
 
   begin() {
     const gl = this.canvas.getContext('webgl', {alpha: false, antialias: false, depth: true});
-    if (!gl) throw new Error('this browser draws no WebGL');
+    if (!gl) throw new Error('This browser draws no WebGL here');
     this.gl = gl;
     this.lost = gl.isContextLost();
     if (this.lost) return;

@@ -7,7 +7,8 @@
 // Exit code 77: there is no browser, no program or no camera.
 import assert from 'node:assert/strict';
 import {spawnSync} from 'node:child_process';
-import {existsSync, mkdirSync, readdirSync, rmSync, writeFileSync} from 'node:fs';
+import {createHash} from 'node:crypto';
+import {existsSync, mkdirSync, readFileSync, readdirSync, rmSync, writeFileSync} from 'node:fs';
 import {join, resolve} from 'node:path';
 import process from 'node:process';
 
@@ -31,7 +32,7 @@ const set = (/** @type {string} */ id, /** @type {any} */ value) =>
   `{const e = document.getElementById('${id}'); e.value = '${value}'; e.dispatchEvent(new Event('change'))}`;
 // The emulated phone.
 const kPhone = set('kind', 0) + set('fov', '48.0872') + set('readout', 60) + set('lines', 'columns -');
-const kReady = 'window.pocketPtam !== undefined && document.getElementById("kind").options.length > 0';
+const kReady = 'window.pocketPtam?.version !== undefined && pocketPtam.version !== ""';
 
 /** @param {string} name @param {() => Promise<void>} work */
 async function step(name, work) {
@@ -44,6 +45,18 @@ async function picture(page, name) {
   const {data} = await page.call('Page.captureScreenshot', {format: 'png'});
   writeFileSync(join(work, name), Buffer.from(data, 'base64'));
 }
+const digest = (/** @type {Uint8Array} */ bytes) => createHash('md5').update(bytes).digest('hex');
+/** The number of each picture of a film, by its luminance. @param {Buffer} y4m @param {number} pixels of a frame */
+function luminances(y4m, pixels) {
+  const numbers = new Map();
+  for (let at = y4m.indexOf('\n') + 1, i = 0; at < y4m.length; ++i) {
+    at = y4m.indexOf('\n', at) + 1;  // FRAME
+    numbers.set(digest(y4m.subarray(at, at + pixels)), i);
+    at += pixels * 3 / 2;
+  }
+  return numbers;
+}
+
 const upright = {width: 420, height: 800, deviceScaleFactor: 1, mobile: true,
                  screenOrientation: {type: 'portraitPrimary', angle: 0}};
 const more = (/** @type {number} */ frames) =>
@@ -56,36 +69,56 @@ try {
   await browser.call('Browser.setDownloadBehavior', {behavior: 'allow', downloadPath: work});
   await page.call('Emulation.setDeviceMetricsOverride', upright);
 
+  /** @type {any} */
+  let s;
+  const tar = join(work, 'pocket-ptam-recording.tar');
   await step('20 seconds, from the first frame on', async () => {
-    await page.open(server.origin + '/');
-    await page.until(kReady);
-    await page.evaluate(kPhone + click('start'));
-    await page.until('pocketPtam.tracked > 0');
-    await page.evaluate(click('record'));
-    const until = await page.evaluate('pocketPtam.arrived') + 300;
-    await page.until('pocketPtam.state === "tracking"');
-    await wait(3);
-    await picture(page, 'early.png');
-    await page.until(`pocketPtam.arrived >= ${until}`);
-    await picture(page, 'late.png');
-    await page.evaluate(click('record'));
-    await page.until('pocketPtam.recorded > 0');
+    for (let attempt = 1; attempt <= 3; ++attempt) {
+      rmSync(tar, {force: true});
+      await page.open(server.origin + '/');
+      await page.until(kReady);
+      await page.evaluate(kPhone + click('start'));
+      await page.until('pocketPtam.tracked > 0');
+      await page.evaluate(click('record'));
+      const until = await page.evaluate('pocketPtam.arrived') + 300;
+      await page.until('pocketPtam.state === "tracking"');
+      await wait(3);
+      await picture(page, 'early.png');
+      await page.until(`pocketPtam.arrived >= ${until}`);
+      await picture(page, 'late.png');
+      await page.evaluate(click('record'));
+      await page.until('pocketPtam.recorded > 0');
+      s = await page.evaluate('({...pocketPtam, result: null})');
+      console.log(`${s.arrived} frames arrived, ${s.dropped} of them passed over for newer ones; ${s.poses} of ${s.since} ` +
+        `tracked since the first pose; ${s.simd ? 'with' : 'without'} vectors`);
+      if (s.dropped <= 0.1 * s.arrived) return;
+      console.log('more than a tenth was passed over: the computer is too busy for a browser');
+    }
   });
-  const s = await page.evaluate('({...pocketPtam, result: null})');
-  console.log(`${s.arrived} frames arrived, ${s.dropped} of them while another one was tracked; ${s.poses} of ${s.since} ` +
-    `tracked since the first pose; ${s.simd ? 'with' : 'without'} vectors`);
-
-  await step('the native program repeats it', async () => {
-    const tar = join(work, 'pocket-ptam-recording.tar');
+  const images = join(work, 'pocket-ptam-recording', 'rgb');
+  await step('what the tracker got is what the camera showed, when it did', async () => {
     for (let i = 0; !existsSync(tar) && i < 50; ++i) await wait(0.2);
     assert.equal(spawnSync('tar', ['xf', tar, '-C', work]).status, 0);
+    const shown = luminances(readFileSync(camera), 240 * 320);
+    const late = readdirSync(images).map((name) => {
+      const i = shown.get(digest(readFileSync(join(images, name)).subarray(-240 * 320)));
+      assert.notEqual(i, undefined, `${name} is no image of the camera`);
+      return parseFloat(name) - i / 15;
+    }).sort((a, b) => a - b);
+    const middle = late[late.length >> 1];
+    console.log(`capture times: ${(1000 * (late[0] - middle)).toFixed(1)} to ` +
+      `${(1000 * (late[late.length - 1] - middle)).toFixed(1)} ms from an even rate`);
+    // Late is the camera itself where the computer is busy; early would be a picture with the time of the one before.
+    assert.ok(middle - late[0] < 0.5 / 15, 'a picture has the time of the one before');
+  });
+
+  await step('the native program repeats it', async () => {
     const repeat = () => spawnSync(program, ['replay', join(work, 'pocket-ptam-recording'), '--no-overlay', '--out',
                                              join(work, 'out')], {encoding: 'utf8'});
     const {status, stdout, stderr} = repeat();
     assert.equal(status, 0, stderr + stdout);
     console.log(stderr.split('\n').filter((line) => /^(frames|tracked|map hash)/.test(line)).join('\n'));
-    const frame = readdirSync(join(work, 'pocket-ptam-recording', 'rgb'))[9];
-    const file = join(work, 'pocket-ptam-recording', 'rgb', frame);
+    const file = join(images, readdirSync(images).sort((a, b) => parseFloat(a) - parseFloat(b))[9]);
     const head = spawnSync('head', ['-c', '15', file]).stdout;
     writeFileSync(file, Buffer.concat([head, Buffer.alloc(240 * 320, 90)]));
     assert.match(repeat().stderr, /other bits/, 'control: another picture is found out');
@@ -141,7 +174,7 @@ try {
 
   assert.deepEqual(page.requests.filter((url) => !url.startsWith(server.origin + '/') && !url.startsWith('blob:')), []);
   assert.ok(page.requests.some((url) => url.endsWith('.wasm')), 'requests of the worker are seen');
-  assert.deepEqual(page.complaints.filter((text) => !/404/.test(text)), []);
+  assert.deepEqual(page.complaints.filter((text) => !/404/.test(text)), []);  // favicon.ico
   assert.equal(await page.evaluate('pocketPtam.trouble'), '');
 
   await step("default-src 'self' for the page itself; for the worker, too", async () => {
@@ -152,8 +185,6 @@ try {
     await page.until('pocketPtam.tracked > 5');
     const forAll = await serve(web, () => "default-src 'self'");
     await page.open(forAll.origin + '/');
-    await page.until(kReady);
-    await page.evaluate(click('start'));
     await page.until('/wasm-unsafe-eval/.test(pocketPtam.trouble)');
     forPage.close(), forAll.close();
   });
