@@ -16,7 +16,7 @@ Without options the presets below, one after the other:
             tests by clang with sanitizers          wasm      the library for browsers, by Node.js
 --all: besides, the tests of sanitize by clang without them, the unit tests on every processor, the studies whole that
 are otherwise sampled, in an emulated PC cameras with sanitizers, libcamera and a screen, the library as part of another
-project, the web page in Chromium, the core without an operating system on an emulated microcontroller (cortex-m7), and
+project, the web page in browsers, the core without an operating system on an emulated microcontroller (cortex-m7), and
 the whole program for boards with Debian, emulated: board-arm64, board-armhf, board-armel.
 With other options one preset, test if none is named; those that are not known here go to ctest:
   tests/run.sh -L unit                   only the tests of one folder: unit, kernels, map_file, budget, scenario,
