@@ -18,15 +18,21 @@ export const kinds = [
   {name: 'Global shutter, 60 degrees', fov: 60, readout_ms: 0, handset: false},
 ];
 
-/** Which lines of the picture as shown are exposed one after the other, and in which direction. A handset's sensor has
+/**
+ * Which lines of the picture as shown are exposed one after the other, and in which direction. A handset's sensor has
  * its first line at the right side of the upright phone; the angle is that of screen.orientation.
- * @param {boolean} handset @param {number} angle degrees @returns {{axis: 'rows'|'columns', sign: 1|-1}} */
+ * @param {boolean} handset @param {number} angle degrees @returns {{axis: 'rows'|'columns', sign: 1|-1}}
+ */
 export function shutterOf(handset, angle) {
   if (!handset) return {axis: 'rows', sign: 1};
   switch (angle) {
-    case 90: return {axis: 'rows', sign: 1};
-    case 180: return {axis: 'columns', sign: 1};
-    case 270: return {axis: 'rows', sign: -1};
-    default: return {axis: 'columns', sign: -1};
+    case 90:
+      return {axis: 'rows', sign: 1};
+    case 180:
+      return {axis: 'columns', sign: 1};
+    case 270:
+      return {axis: 'rows', sign: -1};
+    default:
+      return {axis: 'columns', sign: -1};
   }
 }

@@ -25,8 +25,8 @@ function frame(now, {captureTime = now}) {
   for (let i = 0; i < data.length; ++i) data[i] = rgba[4 * i + 1];  // green will do for grey
   try {
     const result = system.track({data, timestamp_ns: BigInt(Math.round(1e6 * captureTime))});
-    text.textContent = result.pose_valid ? library.inverseAsQuaternion(result.T_cw).position.join(' ') :
-      library.hintText(result.hint);
+    text.textContent =
+        result.pose_valid ? library.inverseAsQuaternion(result.T_cw).position.join(' ') : library.hintText(result.hint);
   } catch (error) {
     text.textContent = error.message;  // such as the same time twice
   }

@@ -8,8 +8,10 @@ export function trackedSize(width, height) {
   return scale >= 1 ? [width, height] : [Math.round(width * scale), Math.round(height * scale)];
 }
 
-/** @param {Uint8Array} from first row and on @param {number} stride @param {number} n pixels of a side that make one
- * @param {number} width @param {number} height of the result @returns {Uint8Array} means of n x n pixels, rounded */
+/**
+ * @param {Uint8Array} from first row and on @param {number} stride @param {number} n pixels of a side that make one
+ * @param {number} width @param {number} height of the result @returns {Uint8Array} means of n x n pixels, rounded
+ */
 export function shrunk(from, stride, n, width, height) {
   const out = new Uint8Array(width * height);
   const half = n * n >> 1;
@@ -33,9 +35,11 @@ export class GreyImages {
   /** @type {OffscreenCanvas|null} */
   canvas = null;
 
-  /** The luminance as the camera gave it where the browser hands it out and it is a whole number of times as large, else
-   * what the browser's canvas makes of the picture.
-   * @param {VideoFrame|ImageBitmap} frame @returns {Promise<{data: Uint8Array, width: number, height: number}>} */
+  /**
+   * The luminance as the camera gave it where the browser hands it out and it is a whole number of times as large,
+   * else what the browser's canvas makes of the picture.
+   * @param {VideoFrame|ImageBitmap} frame @returns {Promise<{data: Uint8Array, width: number, height: number}>}
+   */
   async of(frame) {
     if ('copyTo' in frame) {
       const [width, height] = trackedSize(frame.displayWidth, frame.displayHeight);
@@ -61,8 +65,8 @@ export class GreyImages {
   drawn(frame, width, height) {
     if (!this.canvas || this.canvas.width !== width || this.canvas.height !== height)
       this.canvas = new OffscreenCanvas(width, height);
-    const context = /** @type {OffscreenCanvasRenderingContext2D} */ (
-      this.canvas.getContext('2d', {willReadFrequently: true}));
+    const context =
+        /** @type {OffscreenCanvasRenderingContext2D} */ (this.canvas.getContext('2d', {willReadFrequently: true}));
     context.drawImage(frame, 0, 0, width, height);
     const rgba = context.getImageData(0, 0, width, height).data;
     const out = new Uint8Array(width * height);

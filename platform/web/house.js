@@ -25,10 +25,11 @@ const kDecal = 0.004;  // doors and windows stand off the wall, so that the dept
 const kPieces = 2;     // lens and shutter move only corners: each side is cut
 
 const add = (/** @type {Vector} */ a, /** @type {Vector} */ b, k = 1) =>
-  /** @type {Vector} */ ([a[0] + k * b[0], a[1] + k * b[1], a[2] + k * b[2]]);
-const dot = (/** @type {ArrayLike<number>} */ a, /** @type {ArrayLike<number>} */ b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-const cross = (/** @type {Vector} */ a, /** @type {Vector} */ b) => /** @type {Vector} */ (
-  [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]);
+    /** @type {Vector} */ ([a[0] + k * b[0], a[1] + k * b[1], a[2] + k * b[2]]);
+const dot = (/** @type {ArrayLike<number>} */ a, /** @type {ArrayLike<number>} */ b) =>
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+const cross = (/** @type {Vector} */ a, /** @type {Vector} */ b) =>
+    /** @type {Vector} */ ([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]);
 const normalised = (/** @type {Vector} */ a) => add([0, 0, 0], a, 1 / Math.hypot(...a));
 
 const kLight = normalised([0.45, -0.35, 0.82]);  // towards it, in the house's frame
@@ -63,8 +64,9 @@ export function houseCorners() {
   const corners = [];
   for (const x of [-1, 1]) {
     for (const y of [-1, 1]) {
-      corners.push([x * kHalfLength, y * kHalfWidth, 0], [x * kHalfLength, y * kHalfWidth, kEaves],
-                   [x * kRoofHalfLength, y * kRoofHalfWidth, kRoofLow]);
+      corners.push(
+          [x * kHalfLength, y * kHalfWidth, 0], [x * kHalfLength, y * kHalfWidth, kEaves],
+          [x * kRoofHalfLength, y * kRoofHalfWidth, kRoofLow]);
     }
     corners.push([x * kRoofHalfLength, 0, kRoofRidge]);
   }
@@ -77,8 +79,10 @@ export function toWorld(site, p) {
   return add(site.anchor, [c * p[0] - s * p[1], s * p[0] + c * p[1], p[2]], site.size);
 }
 
-/** Where the view's axis meets the ground, the door towards the camera. @param {import('./pocket_ptam.js').Pose} T_cw
- * @param {number} baseline Config.initial_baseline, for the grid's size @returns {Site} */
+/**
+ * Where the view's axis meets the ground, the door towards the camera. @param {import('./pocket_ptam.js').Pose} T_cw
+ * @param {number} baseline Config.initial_baseline, for the grid's size @returns {Site}
+ */
 export function placeHouse(T_cw, baseline) {
   const {R, t} = T_cw;
   const row = (/** @type {number} */ i) => /** @type {Vector} */ ([R[3 * i], R[3 * i + 1], R[3 * i + 2]]);
@@ -98,8 +102,9 @@ export function placeHouse(T_cw, baseline) {
   return {anchor, size: 0.2 * distance, spacing, angle: Math.atan2(towards[1], towards[0]) + 0.5 * Math.PI + 0.6};
 }
 
-const shaded = (/** @type {number[]} */ colour, /** @type {number} */ light) =>
-  [...colour.map((part) => Math.round(255 * Math.min(part * light, 1))), 255];
+const shaded =
+    (/** @type {number[]} */ colour,
+     /** @type {number} */ light) => [...colour.map((part) => Math.round(255 * Math.min(part * light, 1))), 255];
 
 /** @param {Vector[]} c @param {number[]} colour @param {Site} site @param {Model} model */
 function addFace(c, colour, site, model) {
@@ -120,13 +125,19 @@ function addFace(c, colour, site, model) {
   c.forEach((from, side) => {
     const to = c[(side + 1) % 4];
     if (from === to) return;  // a triangle
-    model.edges.push({width: 1.2, points: Array.from({length: kPieces + 1}, (_, i) => (
-      {at: toWorld(site, add(from, add(to, from, -1), i / kPieces)), colour: dark}))});
+    model.edges.push({
+      width: 1.2,
+      points: Array.from(
+          {length: kPieces + 1},
+          (_, i) => ({at: toWorld(site, add(from, add(to, from, -1), i / kPieces)), colour: dark}))
+    });
   });
 }
 
-/** Corners of the smallest convex polygon around points of the plane, counter-clockwise; Andrew's monotone chain.
- * @param {number[][]} points */
+/**
+ * Corners of the smallest convex polygon around points of the plane, counter-clockwise; Andrew's monotone chain.
+ * @param {number[][]} points
+ */
 function convexHull(points) {
   points = [...points].sort((p, q) => p[0] - q[0] || p[1] - q[1]);
   /** @type {number[][]} */
@@ -147,12 +158,14 @@ function convexHull(points) {
   return hull;
 }
 
-/** A polygon of the ground, house's frame, that fades out over a seam. @param {number[][]} outline
- * @param {number} seam @param {number} alpha @param {Site} site @param {Mesh} mesh */
+/**
+ * A polygon of the ground, house's frame, that fades out over a seam. @param {number[][]} outline
+ * @param {number} seam @param {number} alpha @param {Site} site @param {Mesh} mesh
+ */
 function addShadow(outline, seam, alpha, site, mesh) {
   const middle = [0, 1].map((axis) => outline.reduce((sum, p) => sum + p[axis], 0) / outline.length);
   const put = (/** @type {number[]} */ p, /** @type {number} */ a) =>
-    mesh.vertices.push({at: toWorld(site, [p[0], p[1], 0]), colour: [0, 0, 0, a]});
+      mesh.vertices.push({at: toWorld(site, [p[0], p[1], 0]), colour: [0, 0, 0, a]});
   const first = mesh.vertices.length;
   put(middle, alpha);
   const around = outline.length * kPieces;
@@ -181,7 +194,8 @@ function addGrid(site, lines) {
         const far = Math.hypot(u, v) / kCells;
         if (far > 1) continue;
         const [i, j] = alongX ? [v, u] : [u, v];
-        points.push({at: [x0 + i * step, y0 + j * step, 0], colour: [...kGridColour, Math.round(255 * 0.55 * (1 - far))]});
+        points.push(
+            {at: [x0 + i * step, y0 + j * step, 0], colour: [...kGridColour, Math.round(255 * 0.55 * (1 - far))]});
       }
       lines.push({points, width: 1.2});
     }

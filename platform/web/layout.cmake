@@ -1,6 +1,6 @@
-# What JavaScript must know of pocket_ptam_c.h, as a source file that a compiler for WebAssembly turns into a table inside
-# the library: structures with their fields, enumerators with their values. Nothing of it is written by hand, here or in
-# pocket_ptam.js, so nothing can disagree.
+# What JavaScript must know of pocket_ptam_c.h, as a source file that a compiler for WebAssembly turns into a table
+# inside the library: structures with their fields, enumerators with their values. Nothing of it is written by hand,
+# here or in pocket_ptam.js, so nothing can disagree.
 #
 #   pptam_write_layout(HEADER FILE)
 #
@@ -68,8 +68,8 @@ constexpr uint16_t kNumbers[] = {
 @numbers@};
 }  // namespace
 
-// Lines "struct NAME", "TYPE FIELD" and "enumerator NAME"; for each in turn its size, its offset and number of elements,
-// or its value.
+// Lines "struct NAME", "TYPE FIELD" and "enumerator NAME"; for each in turn its size, its offset and number of
+// elements, or its value.
 extern "C" {
 const char* pptam_layout_text() { return kText; }
 const uint16_t* pptam_layout_numbers() { return kNumbers; }

@@ -10,8 +10,10 @@ function opened() {
   });
 }
 
-/** @template T @param {'readonly'|'readwrite'} mode @param {(maps: IDBObjectStore) => IDBRequest<T>} work
- * @returns {Promise<T>} */
+/**
+ * @template T @param {'readonly'|'readwrite'} mode @param {(maps: IDBObjectStore) => IDBRequest<T>} work
+ * @returns {Promise<T>}
+ */
 async function inStore(mode, work) {
   const database = await opened();
   try {

@@ -11,11 +11,26 @@ video.muted = video.playsInline = true;
 
 /** What goes on, for tests and the curious. */
 const status = {
-  state: 'no camera', version: '', simd: false, arrived: 0, tracked: 0, dropped: 0, refused: 0,
+  state: 'no camera',
+  version: '',
+  simd: false,
+  arrived: 0,
+  tracked: 0,
+  dropped: 0,
+  refused: 0,
   /** Frames since the first one with a pose, and those of them with one. */
-  since: 0, poses: 0,
-  misfits: 0, ms: 0, drawn: 0, said: '', trouble: '', recorded: 0,
-  /** @type {any} */ result: null, /** @type {any} */ camera: null,
+  since: 0,
+  poses: 0,
+  misfits: 0,
+  ms: 0,
+  drawn: 0,
+  said: '',
+  trouble: '',
+  recorded: 0,
+  /** @type {any} */
+  result: null,
+  /** @type {any} */
+  camera: null,
 };
 /** @type {any} */ (globalThis).pocketPtam = status;
 
@@ -43,7 +58,9 @@ function say(text) {
   status.said = text;
   element('notice').textContent = text;
   clearTimeout(noticeEnds);
-  noticeEnds = setTimeout(() => { element('notice').textContent = ''; }, 4000);
+  noticeEnds = setTimeout(() => {
+    element('notice').textContent = '';
+  }, 4000);
 }
 
 /** What has to be mended by the user. @param {string} text empty: nothing */
@@ -71,13 +88,20 @@ function tellSetup() {
   const [axis, sign] = element('lines').value.split(' ');
   const shutter = axis ? {axis, sign: sign === '-' ? -1 : 1} : shutterOf(kind.handset, angle);
   const inside = (/** @type {string} */ id, /** @type {number} */ low, /** @type {number} */ high) =>
-    Math.min(Math.max(Number(element(id).value) || low, low), high);
-  tell({kind: 'setup', name: track ? track.label || kind.name : kind.name, auto_start: true, ...shutter,
-        fov_rad: inside('fov', 10, 140) * Math.PI / 180, readout_s: inside('readout', 0, 200) / 1000});
+      Math.min(Math.max(Number(element(id).value) || low, low), high);
+  tell({
+    kind: 'setup',
+    name: track ? track.label || kind.name : kind.name,
+    auto_start: true,
+    ...shutter,
+    fov_rad: inside('fov', 10, 140) * Math.PI / 180,
+    readout_s: inside('readout', 0, 200) / 1000
+  });
 }
 
 const kRefused = {
-  NotAllowedError: 'The camera was refused. Allow it for this page, in the browser\'s settings beside the address, and start again.',
+  NotAllowedError:
+      'The camera was refused. Allow it for this page, in the browser\'s settings beside the address, and start again.',
   NotFoundError: 'There is no camera here. Plug one in and start again.',
   NotReadableError: 'The camera cannot be read: another program may have it. Close that one and start again.',
 };
@@ -90,10 +114,16 @@ async function startCamera() {
   }
   let stream;
   try {
-    stream = await navigator.mediaDevices.getUserMedia({audio: false, video: {
-      facingMode: 'environment', width: {ideal: 640}, height: {ideal: 480}, frameRate: {ideal: 30},
-      .../** @type {any} */ ({resizeMode: {ideal: 'none'}}),  // what the browser cuts off changes the field of view
-    }});
+    stream = await navigator.mediaDevices.getUserMedia({
+      audio: false,
+      video: {
+        facingMode: 'environment',
+        width: {ideal: 640},
+        height: {ideal: 480},
+        frameRate: {ideal: 30},
+        .../** @type {any} */ ({resizeMode: {ideal: 'none'}}),  // what the browser cuts off changes the field of view
+      }
+    });
   } catch (error) {
     trouble(kRefused[error.name] || `The camera does not start: ${error.message}`);
     return;
@@ -146,7 +176,7 @@ async function takeFrame(ms) {
   let frame;
   try {
     frame = 'VideoFrame' in globalThis ? new VideoFrame(video, {timestamp: Number(ns / 1000n)}) :
-      await createImageBitmap(video);
+                                         await createImageBitmap(video);
   } catch (error) {
     return;  // nothing is shown yet
   }
@@ -172,17 +202,20 @@ function sendNext() {
 function startWorker() {
   // In the one-file page worker and library are in the page itself.
   const {workerUrl, wasm} = /** @type {any} */ (globalThis).pocketPtamFiles || {};
-  worker = workerUrl ? new Worker(workerUrl) :
-    new Worker(new URL('./tracker_worker.js', import.meta.url), {type: 'module'});
+  worker =
+      workerUrl ? new Worker(workerUrl) : new Worker(new URL('./tracker_worker.js', import.meta.url), {type: 'module'});
   worker.onmessage = ({data}) => answers[data.kind](data);
-  worker.onerror = (event) => trouble(`The tracker does not start: ${event.message || 'its file is not beside the page'}`);
+  worker.onerror = (event) =>
+      trouble(`The tracker does not start: ${event.message || 'its file is not beside the page'}`);
   tell({kind: 'library', ...(wasm || {})});
 }
 
 /** @param {any} data */
 function showResult({result, hint, ms}) {
-  const names = (/** @type {string} */ start) => Object.fromEntries(Object.entries(constants)
-    .filter(([name]) => name.startsWith(start)).map(([name, value]) => [value, name.slice(start.length).toLowerCase()]));
+  const names = (/** @type {string} */ start) =>
+      Object.fromEntries(Object.entries(constants)
+                             .filter(([name]) => name.startsWith(start))
+                             .map(([name, value]) => [value, name.slice(start.length).toLowerCase()]));
   const quality = names('PPTAM_QUALITY_')[result.quality];
   showState(names('PPTAM_TRACKING_')[result.state]);
   document.body.dataset.quality = quality;
@@ -193,9 +226,10 @@ function showResult({result, hint, ms}) {
   if (result.misfit) words.push('does not fit the map: was the camera zoomed or stabilised?');
   element('words').textContent = words.join(', ');
   element('progress').style.width = `${status.state === 'initialising' ? 100 * result.progress : 100}%`;
-  element('figures').textContent = status.state === 'initialising' ? `${Math.round(100 * result.progress)} % ready` :
-    `found ${result.points_found} of ${result.points_attempted}, residual ${result.reprojection_px.toFixed(2)} px, ` +
-    `keyframes ${result.keyframes}, points ${result.map_points}, ${ms.toFixed(1)} ms`;
+  element('figures').textContent = status.state === 'initialising' ?
+      `${Math.round(100 * result.progress)} % ready` :
+      `found ${result.points_found} of ${result.points_attempted}, residual ${result.reprojection_px.toFixed(2)} px, ` +
+          `keyframes ${result.keyframes}, points ${result.map_points}, ${ms.toFixed(1)} ms`;
 }
 
 /** @type {Object<string, (data: any) => void>} */
@@ -231,8 +265,10 @@ const answers = {
   said({text}) { say(text); },
   failed({text}) { trouble(text); },
   map({file}) {
-    keepMap(cameraName(), file).then(() => say(`the map is kept in this browser: ${Math.round(file.length / 1024)} kB`),
-                                     (error) => say(`the map is not kept: ${error.message}`));
+    keepMap(cameraName(), file)
+        .then(
+            () => say(`the map is kept in this browser: ${Math.round(file.length / 1024)} kB`),
+            (error) => say(`the map is not kept: ${error.message}`));
   },
   recording({blob, frames, full}) {
     status.recorded = frames;
@@ -253,8 +289,10 @@ function draw(frame, result, points) {
     trouble(`${error.message}: there is the picture without the house.`);
     plain = view.getContext('2d');
   }
-  if (plain) plain.drawImage(frame, 0, 0, view.width, view.height);
-  else if (renderer?.draw(frame, status.camera, result, points, constants)) ++status.drawn;
+  if (plain)
+    plain.drawImage(frame, 0, 0, view.width, view.height);
+  else if (renderer?.draw(frame, status.camera, result, points, constants))
+    ++status.drawn;
 }
 
 /** Maps belong to one camera and its settings. */
@@ -269,8 +307,9 @@ function cameraName() {
 function layOut() {
   const c = status.camera;
   if (!c) return;
-  const room = Math.min(document.documentElement.clientWidth * devicePixelRatio / c.width,
-                        0.72 * innerHeight * devicePixelRatio / c.height);
+  const room = Math.min(
+      document.documentElement.clientWidth * devicePixelRatio / c.width,
+      0.72 * innerHeight * devicePixelRatio / c.height);
   const scale = Math.max(1, Math.min(room, 4));
   view.width = Math.round(c.width * scale);
   view.height = Math.round(c.height * scale);
@@ -284,8 +323,10 @@ const actions = {
   async load() {
     try {
       const file = await keptMap(cameraName());
-      if (file) tell({kind: 'load', file});
-      else say('no map of this camera is kept here');
+      if (file)
+        tell({kind: 'load', file});
+      else
+        say('no map of this camera is kept here');
     } catch (error) {
       say(`no map is loaded: ${error.message}`);
     }
@@ -319,6 +360,8 @@ function showKind() {
 }
 element('kind').value = /Mobi|Android|iPhone|iPad/.test(navigator.userAgent) ? '0' : '4';
 showKind();
-element('kind').addEventListener('change', () => { showKind(), tellSetup(); });
+element('kind').addEventListener('change', () => {
+  showKind(), tellSetup();
+});
 for (const id of ['fov', 'readout', 'lines']) element(id).addEventListener('change', tellSetup);
 startWorker();

@@ -1,5 +1,5 @@
-// Pocket PTAM for JavaScript, in browsers, workers and Node.js: pocket_ptam_c.h by its WebAssembly library, pocket_ptam.wasm
-// or, for engines with vectors, pocket_ptam_simd.wasm (same bits).
+// Pocket PTAM for JavaScript, in browsers, workers and Node.js: pocket_ptam_c.h by its WebAssembly library,
+// pocket_ptam.wasm or, for engines with vectors, pocket_ptam_simd.wasm (same bits).
 //
 //   const library = await PocketPtam.load(wasmBytes);
 //   const system = await library.createSystem(library.configPhone(camera));
@@ -12,8 +12,8 @@
 // Structures are plain objects whose fields have the names of the C interface, where each is explained. Numbers of 64
 // bits are BigInt, arrays of numbers are typed arrays, hints and states are numbers of PocketPtam.constants. Functions
 // are called as in C, without pptam_ and with capital letters for underscores. What C answers with a status is thrown
-// here, as a PtamError; nothing has changed then. Each system and each tracker has a memory of its own: there is nothing
-// to free. Everything that is returned is a copy.
+// here, as a PtamError; nothing has changed then. Each system and each tracker has a memory of its own: there is
+// nothing to free. Everything that is returned is a copy.
 //
 // How structures lie in memory is told by the library itself (layout.cmake): there is no offset in this file.
 
@@ -344,9 +344,7 @@ class Instance {
   }
 
   /** @param {string} structure @param {any} value @returns {number} where it lies */
-  put(structure, value) {
-    return this.write(structure, this.allocate(this.layout.structures[structure].bytes), value);
-  }
+  put(structure, value) { return this.write(structure, this.allocate(this.layout.structures[structure].bytes), value); }
   /** @param {string} type @param {ArrayLike<number>} values */
   putArray(type, values) {
     const at = this.allocate(4 * values.length);
@@ -359,7 +357,10 @@ class Instance {
     return new array(this.functions.memory.buffer.slice(at, at + count * bytes));
   }
 
-  /** A list that C copies into the caller's array. @param {string} name @param {string} structure @param {number[]} rest */
+  /**
+   * A list that C copies into the caller's array. @param {string} name @param {string} structure @param {number[]}
+   * rest
+   */
   list(name, structure, ...rest) {
     return this.briefly(() => {
       const count = this.allocate(4);
@@ -379,15 +380,19 @@ class Instance {
     return this.view().getUint32(out, true);
   }
 
-  /** A function of JavaScript as a pointer for C. @param {string[]} parameters @param {string[]} results
-   * @param {Function} callback */
+  /**
+   * A function of JavaScript as a pointer for C. @param {string[]} parameters @param {string[]} results
+   * @param {Function} callback
+   */
   pointer(parameters, results, callback) {
     const kTypes = {i32: 0x7f, i64: 0x7e};
     const types = (/** @type {string[]} */ list) => [list.length, ...list.map((type) => kTypes[type])];
     const section = (/** @type {number} */ id, /** @type {number[]} */ content) => [id, content.length, ...content];
     // A module that exports what it imports.
-    const bytes = [0, 0x61, 0x73, 0x6d, 1, 0, 0, 0, ...section(1, [1, 0x60, ...types(parameters), ...types(results)]),
-      ...section(2, [1, 1, 0x65, 1, 0x66, 0, 0]), ...section(7, [1, 1, 0x66, 0, 0])];
+    const bytes = [
+      0, 0x61, 0x73, 0x6d, 1, 0, 0, 0, ...section(1, [1, 0x60, ...types(parameters), ...types(results)]),
+      ...section(2, [1, 1, 0x65, 1, 0x66, 0, 0]), ...section(7, [1, 1, 0x66, 0, 0])
+    ];
     const {f} = new WebAssembly.Instance(new WebAssembly.Module(new Uint8Array(bytes)), {e: {f: callback}}).exports;
     const table = this.functions.__indirect_function_table;
     const index = table.grow(1);
@@ -452,8 +457,8 @@ export class PocketPtam {
 
   /** Whether this engine has vectors, for pocket_ptam_simd.wasm. @returns {boolean} */
   static simd() {  // a function that returns v128.const... i8x16.splat of 0
-    return WebAssembly.validate(new Uint8Array([0, 97, 115, 109, 1, 0, 0, 0, 1, 5, 1, 96, 0, 1, 123, 3, 2, 1, 0, 10, 8, 1,
-      6, 0, 65, 0, 253, 15, 11]));
+    return WebAssembly.validate(new Uint8Array(
+        [0, 97, 115, 109, 1, 0, 0, 0, 1, 5, 1, 96, 0, 1, 123, 3, 2, 1, 0, 10, 8, 1, 6, 0, 65, 0, 253, 15, 11]));
   }
 
   /** A few words for the user. @param {number} hint PPTAM_HINT_... @returns {string} */
@@ -486,12 +491,12 @@ export class PocketPtam {
   }
 
   /** @param {Config} config @returns {Promise<System>} */
-  async createSystem(config) {
-    return new System(await this.another(), config);
-  }
+  async createSystem(config) { return new System(await this.another(), config); }
 
-  /** @param {Camera} camera @param {ObjectModel} model @param {object} [settings] fields of pptam_model_tracker_config
-   * other than usual @returns {Promise<ModelTracker>} */
+  /**
+   * @param {Camera} camera @param {ObjectModel} model @param {object} [settings] fields of pptam_model_tracker_config
+   * other than usual @returns {Promise<ModelTracker>}
+   */
   async createModelTracker(camera, model, settings = {}) {
     return new ModelTracker(await this.another(), camera, model, settings);
   }
@@ -508,8 +513,10 @@ export class PocketPtam {
     });
   }
 
-  /** The inverse of a pose as trajectories have it. @param {Pose} pose
-   * @returns {{position: Float32Array, quaternion_xyzw: Float32Array}} */
+  /**
+   * The inverse of a pose as trajectories have it. @param {Pose} pose
+   * @returns {{position: Float32Array, quaternion_xyzw: Float32Array}}
+   */
   inverseAsQuaternion(pose) {
     const m = this.instance;
     return m.briefly(() => {
@@ -520,9 +527,7 @@ export class PocketPtam {
   }
 
   /** @returns {Promise<Instance>} */
-  async another() {
-    return new Instance(await WebAssembly.instantiate(this.module), this.instance.layout);
-  }
+  async another() { return new Instance(await WebAssembly.instantiate(this.module), this.instance.layout); }
 }
 
 /** Where a frame's pixels are put for C. */
@@ -547,7 +552,7 @@ class FrameRoom {
     const bytes = m.layout.constants;
     const whole = {[bytes.PPTAM_PIXEL_BGRA]: 4, [bytes.PPTAM_PIXEL_RGB24]: 3, [bytes.PPTAM_PIXEL_YUYV]: 2};
     const pixel = whole[format] || 1;
-    const {stride_bytes = width * pixel} = frame;
+    const {stride_bytes = width* pixel} = frame;
     if (frame.data.length < stride_bytes * (height - 1) + width * pixel)
       throw new PtamError(bytes.PPTAM_INVALID_ARGUMENT, 'Frame.data is shorter than the image');
     return m.write('pptam_frame', this.frame, {data: this.data, width, height, stride_bytes, format, timestamp_ns});
@@ -584,9 +589,11 @@ export class System {
     this.instance.call('set_clock', this.system, pointer, 0);
   }
 
-  /** What the system does while it does it: PPTAM_SPAN_..., PPTAM_COUNTER_....
+  /**
+   * What the system does while it does it: PPTAM_SPAN_..., PPTAM_COUNTER_....
    * @param {{begin: (span: number) => void, end: (span: number) => void,
-   *   count: (counter: number, value: bigint) => void}|null} tracer */
+   *   count: (counter: number, value: bigint) => void}|null} tracer
+   */
   setTracer(tracer) {
     const m = this.instance;
     if (!tracer) return m.call('set_tracer', this.system, 0);
@@ -631,14 +638,17 @@ export class System {
     });
   }
 
-  /** Pixel of a world point at the exposure time of its own line; null: not visible. @param {Pose} T_cw
-   * @param {ArrayLike<number>} velocity @param {ArrayLike<number>} p_w @returns {Float32Array|null} */
+  /**
+   * Pixel of a world point at the exposure time of its own line; null: not visible. @param {Pose} T_cw
+   * @param {ArrayLike<number>} velocity @param {ArrayLike<number>} p_w @returns {Float32Array|null}
+   */
   project(T_cw, velocity, p_w) {
     const m = this.instance;
     return m.briefly(() => {
       const [px, visible] = [m.allocate(8), m.allocate(1)];
-      m.call('project', this.system, m.put('pptam_pose', T_cw), m.putArray('float', velocity), m.putArray('float', p_w),
-             px, visible);
+      m.call(
+          'project', this.system, m.put('pptam_pose', T_cw), m.putArray('float', velocity), m.putArray('float', p_w),
+          px, visible);
       return m.view().getUint8(visible) ? m.array('float', px, 2) : null;
     });
   }
@@ -767,8 +777,10 @@ export class ModelTracker {
   startFromPoints(points_o, px) {
     const m = this.instance;
     if (points_o.length / 3 !== px.length / 2) throw new TypeError('a pixel is needed for each point');
-    m.briefly(() => m.call('model_start_from_points', this.tracker, m.putArray('float', points_o),
-                           m.putArray('float', px), px.length / 2));
+    m.briefly(
+        () => m.call(
+            'model_start_from_points', this.tracker, m.putArray('float', points_o), m.putArray('float', px),
+            px.length / 2));
   }
   startAnywhere() { this.instance.call('model_start_anywhere', this.tracker); }
   reset() { this.instance.call('model_reset', this.tracker); }

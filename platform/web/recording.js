@@ -4,9 +4,7 @@
 const kMostBytes = 256 << 20;  // of images, which are kept in memory: then the recording ends
 
 /** A number as C reads it again with the same bits. @param {number} value */
-function number(value) {
-  return Number(Math.fround(value).toPrecision(9)).toString();
-}
+function number(value) { return Number(Math.fround(value).toPrecision(9)).toString(); }
 
 /** FNV-1a over bytes as they lie in memory. */
 class Fnv {
@@ -30,9 +28,11 @@ class Fnv {
 export function resultHash(r) {
   const hash = new Fnv();
   hash.add(BigInt64Array.of(r.timestamp_ns));
-  hash.add(Int32Array.of(0, r.state, r.quality, r.hint, Number(r.pose_valid), r.points_attempted, r.points_found,
-                         r.points_inliers, r.partial_found, r.keyframes, r.map_points));
-  const byColumns = (/** @type {Float32Array} */ m, /** @type {number} */ n) => m.map((_, i) => m[n * (i % n) + Math.floor(i / n)]);
+  hash.add(Int32Array.of(
+      0, r.state, r.quality, r.hint, Number(r.pose_valid), r.points_attempted, r.points_found, r.points_inliers,
+      r.partial_found, r.keyframes, r.map_points));
+  const byColumns = (/** @type {Float32Array} */ m, /** @type {number} */ n) =>
+      m.map((_, i) => m[n * (i % n) + Math.floor(i / n)]);
   hash.add(byColumns(r.T_cw.R, 3));
   hash.add(r.T_cw.t);
   hash.add(byColumns(r.covariance, 6));  // its bits are not quite symmetric
@@ -44,9 +44,15 @@ function tarHead(name, bytes) {
   const head = new Uint8Array(512);
   const put = (/** @type {number} */ at, /** @type {string} */ text) => head.set(new TextEncoder().encode(text), at);
   put(0, name);
-  put(100, '0000644\0' + '0000000\0' + '0000000\0' + bytes.toString(8).padStart(11, '0') + '\0' + '00000000000\0');
+  put(100,
+      '0000644\0' +
+          '0000000\0' +
+          '0000000\0' + bytes.toString(8).padStart(11, '0') + '\0' +
+          '00000000000\0');
   put(148, '        0');  // the sum's place, blank, and the kind of file
-  put(257, 'ustar\0' + '00');
+  put(257,
+      'ustar\0' +
+          '00');
   put(148, head.reduce((sum, byte) => sum + byte, 0).toString(8).padStart(6, '0') + '\0 ');
   return head;
 }
@@ -60,17 +66,19 @@ export class Recording {
     const readout_s = (c.line_time_s || 0) * (c.shutter_axis ? c.width : c.height);
     this.folder = 'pocket-ptam-recording/';
     this.list = '# timestamp filename\n';
-    this.text = 'pocket-ptam live recording 1\n' + `name ${name.replace(/[\x00-\x1f]/g, ' ')}\n` +
-      `camera ${c.width} ${c.height} ${[c.fx, c.fy, c.cx, c.cy].map(number).join(' ')} ` +
-      `${kinds[c.distortion || 0]} ${coeffs.join(' ')} ${c.shutter_axis ? 'columns' : 'rows'} ` +
-      `${number(c.line_time_s || 0)} ${number(config.exposure_s)} 0\n` +
-      `settings ${Number(config.auto_start)} ${number(config.initial_plane_distance)} ` +
-      `${Number(config.steady_damping)} -1 -1\n`;
+    this.text = 'pocket-ptam live recording 1\n' +
+        `name ${name.replace(/[\x00-\x1f]/g, ' ')}\n` +
+        `camera ${c.width} ${c.height} ${[c.fx, c.fy, c.cx, c.cy].map(number).join(' ')} ` +
+        `${kinds[c.distortion || 0]} ${coeffs.join(' ')} ${c.shutter_axis ? 'columns' : 'rows'} ` +
+        `${number(c.line_time_s || 0)} ${number(config.exposure_s)} 0\n` +
+        `settings ${Number(config.auto_start)} ${number(config.initial_plane_distance)} ` +
+        `${Number(config.steady_damping)} -1 -1\n`;
     this.calibration = `cam0:\n  camera_model: pinhole\n  distortion_model: ${kinds[c.distortion || 0]}\n` +
-      `  distortion_coeffs: [${c.distortion ? coeffs.join(', ') : ''}]\n` +
-      `  intrinsics: [${[c.fx, c.fy, c.cx, c.cy].map(number).join(', ')}]\n  resolution: [${c.width}, ${c.height}]\n` +
-      `  readout_s: ${number(Math.abs(readout_s))}\n  readout_axis: ${c.shutter_axis ? 'columns' : 'rows'}\n` +
-      `  readout_direction: ${readout_s < 0 ? -1 : 1}\n`;
+        `  distortion_coeffs: [${c.distortion ? coeffs.join(', ') : ''}]\n` +
+        `  intrinsics: [${[c.fx, c.fy, c.cx, c.cy].map(number).join(', ')}]\n  resolution: [${c.width}, ${
+                           c.height}]\n` +
+        `  readout_s: ${number(Math.abs(readout_s))}\n  readout_axis: ${c.shutter_axis ? 'columns' : 'rows'}\n` +
+        `  readout_direction: ${readout_s < 0 ? -1 : 1}\n`;
     /** @type {(Uint8Array|string)[]} */
     this.parts = [];
     this.frames = 0;
@@ -102,8 +110,10 @@ export class Recording {
     this.file(name, map.slice());
     this.note('load ' + name);
   }
-  /** @param {Uint8Array} data @param {number} width @param {number} height
-   * @param {import('./pocket_ptam.js').TrackResult} result */
+  /**
+   * @param {Uint8Array} data @param {number} width @param {number} height
+   * @param {import('./pocket_ptam.js').TrackResult} result
+   */
   noteFrame(data, width, height, result) {
     if (this.bytes + data.length > kMostBytes) this.full = true;
     if (this.full) return;

@@ -5,7 +5,10 @@ import {shaders} from './shaders.js';
 
 /** @typedef {import('./pocket_ptam.js').Camera} Camera */
 /** @typedef {import('./pocket_ptam.js').TrackResult} TrackResult */
-/** @typedef {{centre: number[], half?: number[], direction?: number[], radius: number, stroke?: number, colour: number[]}} Shape */
+/**
+ * @typedef {{centre: number[], half?: number[], direction?: number[], radius: number, stroke?: number, colour:
+ * number[]}} Shape
+ */
 /** @typedef {{vertices: WebGLBuffer, indices: WebGLBuffer|null, count: number}} Batch */
 
 // Of each kind of vertex: attributes and their floats, as they lie in a buffer.
@@ -13,7 +16,7 @@ const kTriangle = [['p_w', 3], ['colour', 4]];
 const kLine = [['p_w', 3], ['other_w', 3], ['colour', 4], ['offset', 2]];
 const kShape = [['position', 2], ['local', 2], ['form', 4], ['colour', 4]];
 const kCorner = [['corner', 2]];
-const kBaseline = 0.1;      // world units: Config.initial_baseline as configPhone() has it
+const kBaseline = 0.1;     // world units: Config.initial_baseline as configPhone() has it
 const kEdgeCloser = 5e-5;  // of the depth's range of 2: 16 bits tell 3e-5 apart
 
 const kGreen = [51, 217, 102, 255], kDarkGreen = [5, 64, 26, 230], kRed = [242, 64, 64, 255];
@@ -46,7 +49,8 @@ export class Renderer {
     this.modelSite = null;      // whose
     gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
     gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
-    for (const filter of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, filter, gl.LINEAR);
+    for (const filter of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER])
+      gl.texParameteri(gl.TEXTURE_2D, filter, gl.LINEAR);
     for (const wrap of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(gl.TEXTURE_2D, wrap, gl.CLAMP_TO_EDGE);
     this.corners = this.uploaded([0, 0, 1, 0, 0, 1, 1, 1], [], 2);
     this.shapes = {vertices: gl.createBuffer(), indices: null, count: 0};
@@ -72,7 +76,10 @@ export class Renderer {
     return program;
   }
 
-  /** @param {any} program @param {string} name @param {number|ArrayLike<number>} value nine numbers: a matrix by columns */
+  /**
+   * @param {any} program @param {string} name @param {number|ArrayLike<number>} value nine numbers: a matrix by
+   *     columns
+   */
   set(program, name, value) {
     const {gl} = this;
     if (!program.places.has(name)) program.places.set(name, gl.getUniformLocation(program.name, name));
@@ -104,8 +111,10 @@ export class Renderer {
     return this.uploaded(floats, mesh.triangles, 7);
   }
 
-  /** Two vertices for each point of a line, left and right of it. Of the last one the other end is the one before.
-   * @param {import('./house.js').Line[]} lines */
+  /**
+   * Two vertices for each point of a line, left and right of it. Of the last one the other end is the one before.
+   * @param {import('./house.js').Line[]} lines
+   */
   uploadedLines(lines) {
     const floats = [], indices = [];
     for (const {points, width} of lines) {
@@ -115,7 +124,9 @@ export class Renderer {
       points.forEach(({at, colour}, i) => {
         const last = i + 1 === points.length;
         for (const side of [-1, 1])
-          floats.push(...at, ...points[last ? i - 1 : i + 1].at, ...colour.map((part) => part / 255), side * reach, last ? -1 : 1);
+          floats.push(
+              ...at, ...points[last ? i - 1 : i + 1].at, ...colour.map((part) => part / 255), side * reach,
+              last ? -1 : 1);
         if (!last) indices.push(...[0, 1, 2, 2, 1, 3].map((corner) => first + 2 * i + corner));
       });
     }
@@ -142,8 +153,10 @@ export class Renderer {
     attributes.forEach((_, i) => gl.disableVertexAttribArray(i));
   }
 
-  /** Where the house stands in the result's map; null: nowhere yet. @param {TrackResult} result
-   * @param {Camera} camera */
+  /**
+   * Where the house stands in the result's map; null: nowhere yet. @param {TrackResult} result
+   * @param {Camera} camera
+   */
   siteOf(result, camera) {
     if (result.maps === 0 || result.world_changes !== this.worldChanges) this.sites.clear();
     this.worldChanges = result.world_changes;
@@ -160,9 +173,12 @@ export class Renderer {
     return this.sites.get(result.map) || null;
   }
 
-  /** @param {TexImageSource|VideoFrame} picture @param {Camera} camera a pinhole @param {TrackResult} result
-   * @param {Float32Array} points px, predicted px, kind, level of each @param {Object<string, number>} constants PPTAM_...
-   * @returns {boolean} false: WebGL is gone for now */
+  /**
+   * @param {TexImageSource|VideoFrame} picture @param {Camera} camera a pinhole @param {TrackResult} result
+   * @param {Float32Array} points px, predicted px, kind, level of each @param {Object<string, number>} constants
+   *     PPTAM_...
+   * @returns {boolean} false: WebGL is gone for now
+   */
   draw(picture, camera, result, points, constants) {
     const {gl, canvas} = this;
     if (this.lost || gl.isContextLost()) return false;
@@ -189,14 +205,20 @@ export class Renderer {
     return true;
   }
 
-  /** Programs for the camera's view, and the house's batches. @param {Camera} camera @param {TrackResult} result
-   * @param {import('./house.js').Site} site @param {Object<string, number>} constants */
+  /**
+   * Programs for the camera's view, and the house's batches. @param {Camera} camera @param {TrackResult} result
+   * @param {import('./house.js').Site} site @param {Object<string, number>} constants
+   */
   see(camera, result, site, constants) {
     if (this.modelSite !== site) {
       const model = siteModel(site);
       this.modelSite = site;
-      this.model = {ground: this.uploadedLines(model.ground), shadow: this.uploadedMesh(model.shadow),
-                    faces: this.uploadedMesh(model.faces), edges: this.uploadedLines(model.edges)};
+      this.model = {
+        ground: this.uploadedLines(model.ground),
+        shadow: this.uploadedMesh(model.shadow),
+        faces: this.uploadedMesh(model.faces),
+        edges: this.uploadedLines(model.edges)
+      };
     }
     const {gl, canvas} = this;
     const rolling = camera.line_time_s !== 0;
@@ -270,9 +292,10 @@ export class Renderer {
       const reach = [half[0] + beyond, half[1] + beyond];
       for (const [x, y] of [[-1, -1], [1, -1], [-1, 1], [-1, 1], [1, -1], [1, 1]]) {
         const local = [x * reach[0], y * reach[1]];
-        floats.push(centre[0] + local[0] * direction[0] - local[1] * direction[1],
-                    centre[1] + local[0] * direction[1] + local[1] * direction[0], ...local, ...half, radius, stroke,
-                    ...colour.map((part) => part / 255));
+        floats.push(
+            centre[0] + local[0] * direction[0] - local[1] * direction[1],
+            centre[1] + local[0] * direction[1] + local[1] * direction[0], ...local, ...half, radius, stroke,
+            ...colour.map((part) => part / 255));
       }
     }
     gl.bindBuffer(gl.ARRAY_BUFFER, this.shapes.vertices);
@@ -285,9 +308,11 @@ export class Renderer {
   }
 }
 
-/** What was searched in a frame, as platform/run/composer.cpp draws it. @param {Float32Array} points
+/**
+ * What was searched in a frame, as platform/run/composer.cpp draws it. @param {Float32Array} points
  * @param {number} scale pixels of the canvas for one of the image @param {Object<string, number>} constants
- * @returns {Shape[]} */
+ * @returns {Shape[]}
+ */
 function pointShapes(points, scale, constants) {
   /** @type {Shape[]} */
   const shapes = [];
@@ -304,15 +329,25 @@ function pointShapes(points, scale, constants) {
         const from = [scale * (points[i + 2] + 0.5), scale * (points[i + 3] + 0.5)];
         const [dx, dy] = [at[0] - from[0], at[1] - from[1]];
         const length = Math.hypot(dx, dy);
-        shapes.push({centre: [0.5 * (at[0] + from[0]), 0.5 * (at[1] + from[1])], half: [0.5 * length, 0], radius: 0.8 * u,
-                     direction: length > 0 ? [dx / length, dy / length] : [1, 0], colour: kBlue});
+        shapes.push({
+          centre: [0.5 * (at[0] + from[0]), 0.5 * (at[1] + from[1])],
+          half: [0.5 * length, 0],
+          radius: 0.8 * u,
+          direction: length > 0 ? [dx / length, dy / length] : [1, 0],
+          colour: kBlue
+        });
         shapes.push({centre: at, radius: 2.4 * u, colour: kBlue});
         break;
       }
       case constants.PPTAM_OBSERVED_OUTLIER:
         for (const way of [-1, 1])
-          shapes.push({centre: at, half: [3.5 * Math.SQRT2 * u, 0], direction: [Math.SQRT1_2, way * Math.SQRT1_2], radius: u,
-                       colour: kRed});
+          shapes.push({
+            centre: at,
+            half: [3.5 * Math.SQRT2 * u, 0],
+            direction: [Math.SQRT1_2, way * Math.SQRT1_2],
+            radius: u,
+            colour: kRed
+          });
         break;
       case constants.PPTAM_OBSERVED_PARTIAL:
         shapes.push({centre: at, radius: radius + u, stroke: 1.8 * u, colour: kYellow});

@@ -45,8 +45,9 @@ async function loadLibrary({wasm, simd = PocketPtam.simd()}) {
     library = await PocketPtam.load(wasm);
   } catch (error) {
     if (error instanceof WebAssembly.CompileError && /Content Security Policy|unsafe-eval/.test(error.message))
-      throw new Error("the server's Content-Security-Policy forbids WebAssembly to this worker: add " +
-                      "script-src 'self' 'wasm-unsafe-eval'");
+      throw new Error(
+          'the server\'s Content-Security-Policy forbids WebAssembly to this worker: add ' +
+          'script-src \'self\' \'wasm-unsafe-eval\'');
     throw error;
   }
   post({kind: 'ready', version: library.version, simd, constants: library.constants});
@@ -57,7 +58,12 @@ function cameraOf(width, height) {
   const f = 0.5 * Math.max(width, height) / Math.tan(0.5 * setup.fov_rad);
   const columns = setup.axis === 'columns';
   return {
-    width, height, fx: f, fy: f, cx: 0.5 * (width - 1), cy: 0.5 * (height - 1),
+    width,
+    height,
+    fx: f,
+    fy: f,
+    cx: 0.5 * (width - 1),
+    cy: 0.5 * (height - 1),
     shutter_axis: columns ? library.constants.PPTAM_SHUTTER_COLUMNS : library.constants.PPTAM_SHUTTER_ROWS,
     line_time_s: setup.sign * setup.readout_s / (columns ? width : height),
   };
@@ -92,10 +98,11 @@ async function track({frame, time_ns}) {
   const ms = performance.now() - begun;
   if (recording) recording.noteFrame(data, width, height, result);
   const points = new Float32Array(6 * result.observed_points);
-  s.observedPoints().forEach((point, i) =>
-    points.set([...point.px, ...point.predicted_px, point.kind, point.level], 6 * i));
-  post({kind: 'result', result, points, hint: library.hintText(result.hint), ms, frame, locked: s.locked()},
-       [points.buffer, /** @type {any} */ (frame)]);
+  s.observedPoints().forEach(
+      (point, i) => points.set([...point.px, ...point.predicted_px, point.kind, point.level], 6 * i));
+  post(
+      {kind: 'result', result, points, hint: library.hintText(result.hint), ms, frame, locked: s.locked()},
+      [points.buffer, /** @type {any} */ (frame)]);
   idle();
 }
 
@@ -117,7 +124,8 @@ async function idle() {
   };
   while (mine === idleRun && system && system.hasWork()) {
     const until = performance.now() + 2;  // milliseconds: what a frame may have to wait
-    do one(); while (performance.now() < until && system.hasWork());
+    do one();
+    while (performance.now() < until && system.hasWork());
     await otherMessages();
   }
 }
@@ -125,17 +133,26 @@ async function idle() {
 const calls = {
   library: loadLibrary,
   setup(/** @type {any} */ message) {
-    if (setup && ['fov_rad', 'readout_s', 'axis', 'sign', 'auto_start'].every((key) => setup[key] === message[key])) return;
+    if (setup && ['fov_rad', 'readout_s', 'axis', 'sign', 'auto_start'].every((key) => setup[key] === message[key]))
+      return;
     if (system) say('another camera: the map is forgotten');
     setup = message;
     finishRecording();
     system = null;
   },
   frame: track,
-  tap() { if (system) system.tap(), recording?.note('tap'); },
-  reset() { if (system) system.reset(), recording?.note('reset'), say('everything is forgotten'); },
-  lock() { if (system) system.setLocked(true), recording?.note('lock'), say('the map is locked'); },
-  unlock() { if (system) system.setLocked(false), recording?.note('unlock'), say('the map is unlocked'); },
+  tap() {
+    if (system) system.tap(), recording?.note('tap');
+  },
+  reset() {
+    if (system) system.reset(), recording?.note('reset'), say('everything is forgotten');
+  },
+  lock() {
+    if (system) system.setLocked(true), recording?.note('lock'), say('the map is locked');
+  },
+  unlock() {
+    if (system) system.setLocked(false), recording?.note('unlock'), say('the map is unlocked');
+  },
   save() {
     if (!system || system.mapBytes() === 0) return say('nothing is saved: there is no map yet');
     post({kind: 'map', file: system.saveMap()});

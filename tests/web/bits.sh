@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
-# bits.sh RECORDINGS COMMAND...: what COMMAND, one of the .mjs here with a library or program, says of the recording that
-# the test bare_metal.recording of preset "test" has made, must be what was said there. Exit code 77: there is none.
+# bits.sh RECORDINGS COMMAND...: what COMMAND, one of the .mjs here with a library or program, says of the recording
+# that the test bare_metal.recording of preset "test" has made, must be what was said there. Exit code 77: there is
+# none.
 set -euo pipefail
 
 recording=$1/bare_metal.frames expected=$1/bare_metal.result

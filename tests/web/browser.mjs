@@ -6,9 +6,16 @@ import {createServer} from 'node:http';
 import {tmpdir} from 'node:os';
 import {extname, join, normalize} from 'node:path';
 
-const kTypes = {'.html': 'text/html', '.js': 'text/javascript', '.css': 'text/css'};  // .wasm: like a server that knows none
+const kTypes = {
+  '.html': 'text/html',
+  '.js': 'text/javascript',
+  '.css': 'text/css'
+};  // .wasm: like a server that knows none
 
-/** @param {string} folder @param {(path: string) => string|undefined} policy the Content-Security-Policy sent with a file */
+/**
+ * @param {string} folder @param {(path: string) => string|undefined} policy the Content-Security-Policy sent with a
+ *     file
+ */
 export async function serve(folder, policy) {
   const asked = [];
   const server = createServer((request, response) => {
@@ -33,10 +40,14 @@ export class Browser {
   /** @param {string} program @param {string[]} options */
   constructor(program, options) {
     this.profile = mkdtempSync(join(tmpdir(), 'pptam-chromium-'));
-    this.process = spawn(program, ['--headless=new', '--remote-debugging-pipe', '--no-sandbox', '--no-first-run',
-      '--disable-gpu-sandbox', '--use-gl=angle', '--use-angle=swiftshader', '--enable-unsafe-swiftshader',
-      '--disable-background-networking', '--disable-component-update', `--user-data-dir=${this.profile}`, ...options,
-      'about:blank'], {stdio: ['ignore', 'ignore', 'pipe', 'pipe', 'pipe']});
+    this.process = spawn(
+        program,
+        [
+          '--headless=new', '--remote-debugging-pipe', '--no-sandbox', '--no-first-run', '--disable-gpu-sandbox',
+          '--use-gl=angle', '--use-angle=swiftshader', '--enable-unsafe-swiftshader', '--disable-background-networking',
+          '--disable-component-update', `--user-data-dir=${this.profile}`, ...options, 'about:blank'
+        ],
+        {stdio: ['ignore', 'ignore', 'pipe', 'pipe', 'pipe']});
     this.number = 0;
     /** @type {Map<number, {resolve: Function, reject: Function}>} */
     this.waiting = new Map();
@@ -45,7 +56,9 @@ export class Browser {
     /** @type {((event: any) => void)[]} */
     this.listeners = [];
     this.errors = '';
-    this.process.stderr.on('data', (data) => { this.errors += data; });
+    this.process.stderr.on('data', (data) => {
+      this.errors += data;
+    });
     let text = '';
     const decoder = new TextDecoder();
     /** @type {any} */ (this.process.stdio[4]).on('data', (data) => {
@@ -67,8 +80,10 @@ export class Browser {
     }
     const {resolve, reject} = this.waiting.get(message.id);
     this.waiting.delete(message.id);
-    if (message.error) reject(new Error(message.error.message));
-    else resolve(message.result);
+    if (message.error)
+      reject(new Error(message.error.message));
+    else
+      resolve(message.result);
   }
 
   /** @param {string} method @param {object} [params] @param {string} [sessionId] @returns {Promise<any>} */
@@ -90,7 +105,8 @@ export class Browser {
   }
 
   async close() {
-    await Promise.race([this.call('Browser.close').catch(() => {}), new Promise((resolve) => setTimeout(resolve, 3000))]);
+    await Promise.race(
+        [this.call('Browser.close').catch(() => {}), new Promise((resolve) => setTimeout(resolve, 3000))]);
     this.process.kill('SIGKILL');
     await this.ended;
     rmSync(this.profile, {recursive: true, force: true, maxRetries: 5});
@@ -133,7 +149,8 @@ export class Page {
 
   /** The value of an expression. @param {string} expression @returns {Promise<any>} */
   async evaluate(expression) {
-    const answer = await this.call('Runtime.evaluate', {expression, awaitPromise: true, returnByValue: true, userGesture: true});
+    const answer =
+        await this.call('Runtime.evaluate', {expression, awaitPromise: true, returnByValue: true, userGesture: true});
     if (answer.exceptionDetails)
       throw new Error(answer.exceptionDetails.exception?.description || answer.exceptionDetails.text);
     return answer.result.value;
@@ -144,8 +161,10 @@ export class Page {
     const end = Date.now() + 1000 * seconds;
     for (;;) {
       if (await this.evaluate(expression).catch(() => false)) return;
-      if (Date.now() > end) throw new Error(`after ${seconds} s still not: ${expression}; ${this.complaints.join('; ')}; ` +
-        JSON.stringify(await this.evaluate('({...pocketPtam, result: null})').catch(() => null)));
+      if (Date.now() > end)
+        throw new Error(
+            `after ${seconds} s still not: ${expression}; ${this.complaints.join('; ')}; ` +
+            JSON.stringify(await this.evaluate('({...pocketPtam, result: null})').catch(() => null)));
       await new Promise((resolve) => setTimeout(resolve, 200));
     }
   }

@@ -1,6 +1,6 @@
-// The page in headless Chromium, before a camera that shows 20 seconds of the emulated phone's desk: what it tracks, that
-// the native program repeats its recording with the same bits, what it asks the network for, and that it survives what
-// browsers do to pages. Pictures and the recording are left in the folder WORK.
+// The page in headless Chromium, before a camera that shows 20 seconds of the emulated phone's desk: what it tracks,
+// that the native program repeats its recording with the same bits, what it asks the network for, and that it survives
+// what browsers do to pages. Pictures and the recording are left in the folder WORK.
 //
 //   node chromium.mjs WEB PROGRAM CAMERA.y4m WORK [CHROMIUM]
 //
@@ -8,7 +8,7 @@
 import assert from 'node:assert/strict';
 import {spawnSync} from 'node:child_process';
 import {createHash} from 'node:crypto';
-import {existsSync, mkdirSync, readFileSync, readdirSync, rmSync, writeFileSync} from 'node:fs';
+import {existsSync, mkdirSync, readdirSync, readFileSync, rmSync, writeFileSync} from 'node:fs';
 import {join, resolve} from 'node:path';
 import process from 'node:process';
 
@@ -23,13 +23,13 @@ for (const needed of [web, program, camera, chromium]) {
 rmSync(work, {recursive: true, force: true});
 mkdirSync(work, {recursive: true});
 
-const kPolicy = "default-src 'self'; script-src 'self' 'wasm-unsafe-eval'";
+const kPolicy = 'default-src \'self\'; script-src \'self\' \'wasm-unsafe-eval\'';
 const kFakeCamera = ['--use-fake-device-for-media-stream', `--use-file-for-fake-video-capture=${camera}`];
 const kAccept = '--use-fake-ui-for-media-stream';
 const wait = (/** @type {number} */ seconds) => new Promise((done) => setTimeout(done, 1000 * seconds));
 const click = (/** @type {string} */ id) => `document.getElementById('${id}').click()`;
 const set = (/** @type {string} */ id, /** @type {any} */ value) =>
-  `{const e = document.getElementById('${id}'); e.value = '${value}'; e.dispatchEvent(new Event('change'))}`;
+    `{const e = document.getElementById('${id}'); e.value = '${value}'; e.dispatchEvent(new Event('change'))}`;
 // The emulated phone.
 const kPhone = set('kind', 0) + set('fov', '48.0872') + set('readout', 60) + set('lines', 'columns -');
 const kReady = 'window.pocketPtam?.version !== undefined && pocketPtam.version !== ""';
@@ -57,10 +57,15 @@ function luminances(y4m, pixels) {
   return numbers;
 }
 
-const upright = {width: 420, height: 800, deviceScaleFactor: 1, mobile: true,
-                 screenOrientation: {type: 'portraitPrimary', angle: 0}};
-const more = (/** @type {number} */ frames) =>
-  `(globalThis.from ??= pocketPtam.tracked, pocketPtam.tracked >= from + ${frames} && (delete globalThis.from, true))`;
+const upright = {
+  width: 420,
+  height: 800,
+  deviceScaleFactor: 1,
+  mobile: true,
+  screenOrientation: {type: 'portraitPrimary', angle: 0}
+};
+const more = (/** @type {number} */ frames) => `(globalThis.from ??= pocketPtam.tracked, pocketPtam.tracked >= from + ${
+    frames} && (delete globalThis.from, true))`;
 
 const server = await serve(web, () => kPolicy);
 let browser = new Browser(chromium, [...kFakeCamera, kAccept]);
@@ -89,8 +94,9 @@ try {
       await page.evaluate(click('record'));
       await page.until('pocketPtam.recorded > 0');
       s = await page.evaluate('({...pocketPtam, result: null})');
-      console.log(`${s.arrived} frames arrived, ${s.dropped} of them passed over for newer ones; ${s.poses} of ${s.since} ` +
-        `tracked since the first pose; ${s.simd ? 'with' : 'without'} vectors`);
+      console.log(
+          `${s.arrived} frames arrived, ${s.dropped} of them passed over for newer ones; ${s.poses} of ${s.since} ` +
+          `tracked since the first pose; ${s.simd ? 'with' : 'without'} vectors`);
       if (s.dropped <= 0.1 * s.arrived) return;
       console.log('more than a tenth was passed over: the computer is too busy for a browser');
     }
@@ -100,21 +106,25 @@ try {
     for (let i = 0; !existsSync(tar) && i < 50; ++i) await wait(0.2);
     assert.equal(spawnSync('tar', ['xf', tar, '-C', work]).status, 0);
     const shown = luminances(readFileSync(camera), 240 * 320);
-    const late = readdirSync(images).map((name) => {
-      const i = shown.get(digest(readFileSync(join(images, name)).subarray(-240 * 320)));
-      assert.notEqual(i, undefined, `${name} is no image of the camera`);
-      return parseFloat(name) - i / 15;
-    }).sort((a, b) => a - b);
+    const late = readdirSync(images)
+                     .map((name) => {
+                       const i = shown.get(digest(readFileSync(join(images, name)).subarray(-240 * 320)));
+                       assert.notEqual(i, undefined, `${name} is no image of the camera`);
+                       return parseFloat(name) - i / 15;
+                     })
+                     .sort((a, b) => a - b);
     const middle = late[late.length >> 1];
-    console.log(`capture times: ${(1000 * (late[0] - middle)).toFixed(1)} to ` +
-      `${(1000 * (late[late.length - 1] - middle)).toFixed(1)} ms from an even rate`);
+    console.log(
+        `capture times: ${(1000 * (late[0] - middle)).toFixed(1)} to ` +
+        `${(1000 * (late[late.length - 1] - middle)).toFixed(1)} ms from an even rate`);
     // Late is the camera itself where the computer is busy; early would be a picture with the time of the one before.
     assert.ok(middle - late[0] < 0.5 / 15, 'a picture has the time of the one before');
   });
 
   await step('the native program repeats it', async () => {
-    const repeat = () => spawnSync(program, ['replay', join(work, 'pocket-ptam-recording'), '--no-overlay', '--out',
-                                             join(work, 'out')], {encoding: 'utf8'});
+    const repeat = () => spawnSync(
+        program, ['replay', join(work, 'pocket-ptam-recording'), '--no-overlay', '--out', join(work, 'out')],
+        {encoding: 'utf8'});
     const {status, stdout, stderr} = repeat();
     assert.equal(status, 0, stderr + stdout);
     console.log(stderr.split('\n').filter((line) => /^(frames|tracked|map hash)/.test(line)).join('\n'));
@@ -140,10 +150,12 @@ try {
   });
 
   await step('a lost WebGL context', async () => {
-    await page.evaluate('globalThis.loser = document.getElementById("canvas").getContext("webgl")' +
-                        '.getExtension("WEBGL_lose_context"), loser.loseContext()');
-    await page.until('(globalThis.drawn ??= pocketPtam.drawn, globalThis.seen ??= pocketPtam.tracked, ' +
-                     'pocketPtam.tracked > seen + 10)');
+    await page.evaluate(
+        'globalThis.loser = document.getElementById("canvas").getContext("webgl")' +
+        '.getExtension("WEBGL_lose_context"), loser.loseContext()');
+    await page.until(
+        '(globalThis.drawn ??= pocketPtam.drawn, globalThis.seen ??= pocketPtam.tracked, ' +
+        'pocketPtam.tracked > seen + 10)');
     assert.ok(await page.evaluate('pocketPtam.drawn <= drawn + 1'));
     await page.evaluate('loser.restoreContext()');
     await page.until('pocketPtam.drawn > drawn + 10');
@@ -164,8 +176,9 @@ try {
   await step('a rotated screen', async () => {
     await page.evaluate(set('lines', ''));  // as phones have them
     await page.until('pocketPtam.camera.shutter_axis === 1 && pocketPtam.camera.line_time_s < 0');
-    await page.call('Emulation.setDeviceMetricsOverride', {...upright, width: 800, height: 420,
-      screenOrientation: {type: 'landscapePrimary', angle: 90}});
+    await page.call(
+        'Emulation.setDeviceMetricsOverride',
+        {...upright, width: 800, height: 420, screenOrientation: {type: 'landscapePrimary', angle: 90}});
     await page.until('pocketPtam.camera.shutter_axis === 0 && pocketPtam.camera.line_time_s > 0');
     await page.until(more(20));
     assert.ok(await page.evaluate('document.getElementById("canvas").getBoundingClientRect().height <= innerHeight'));
@@ -177,13 +190,13 @@ try {
   assert.deepEqual(page.complaints.filter((text) => !/404/.test(text)), []);  // favicon.ico
   assert.equal(await page.evaluate('pocketPtam.trouble'), '');
 
-  await step("default-src 'self' for the page itself; for the worker, too", async () => {
-    const forPage = await serve(web, (path) => path === '/index.html' ? "default-src 'self'" : undefined);
+  await step('default-src \'self\' for the page itself; for the worker, too', async () => {
+    const forPage = await serve(web, (path) => path === '/index.html' ? 'default-src \'self\'' : undefined);
     await page.open(forPage.origin + '/');
     await page.until(kReady);
     await page.evaluate(click('start'));
     await page.until('pocketPtam.tracked > 5');
-    const forAll = await serve(web, () => "default-src 'self'");
+    const forAll = await serve(web, () => 'default-src \'self\'');
     await page.open(forAll.origin + '/');
     await page.until('/wasm-unsafe-eval/.test(pocketPtam.trouble)');
     forPage.close(), forAll.close();
@@ -209,7 +222,7 @@ try {
   await step('a camera refused, then allowed', async () => {
     const asking = await browser.page();
     const permission = (/** @type {string} */ setting) =>
-      browser.call('Browser.setPermission', {permission: {name: 'camera'}, setting, origin: server.origin});
+        browser.call('Browser.setPermission', {permission: {name: 'camera'}, setting, origin: server.origin});
     await permission('denied');
     await asking.open(server.origin + '/');
     await asking.until(kReady);

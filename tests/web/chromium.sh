@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# chromium.sh WEB PROGRAM CAMERA WORK: the page in headless Chromium (chromium.mjs), before a camera that PROGRAM, the one
-# for this computer, has rendered into the folder CAMERA. It takes a minute and wants the processor: only with --all.
-# Exit code 77: not now.
+# chromium.sh WEB PROGRAM CAMERA WORK: the page in headless Chromium (chromium.mjs), before a camera that PROGRAM, the
+# one for this computer, has rendered into the folder CAMERA. It takes a minute and wants the processor: only with
+# --all. Exit code 77: not now.
 set -euo pipefail
 
 web=$1 program=$2 camera=$3 work=$4

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# fake_camera.sh PROGRAM FOLDER: 26 seconds of the emulated phone's desk as FOLDER/desk.y4m, which Chromium takes for its
-# camera. Made once.
+# fake_camera.sh PROGRAM FOLDER: 26 seconds of the emulated phone's desk as FOLDER/desk.y4m, which Chromium takes for
+# its camera. Made once.
 set -euo pipefail
 
 program=$1 folder=$2

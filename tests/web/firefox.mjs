@@ -7,7 +7,8 @@
 // Exit code 77: there is no browser, no program or no camera.
 import assert from 'node:assert/strict';
 import {spawn, spawnSync} from 'node:child_process';
-import {copyFileSync, existsSync, linkSync, mkdirSync, mkdtempSync, readFileSync, readdirSync, rmSync, writeFileSync} from 'node:fs';
+import {copyFileSync, existsSync, linkSync, mkdirSync, mkdtempSync, readdirSync} from 'node:fs';
+import {readFileSync, rmSync, writeFileSync} from 'node:fs';
 import {connect} from 'node:net';
 import {tmpdir} from 'node:os';
 import {join, resolve} from 'node:path';
@@ -15,7 +16,8 @@ import process from 'node:process';
 
 import {serve} from './browser.mjs';
 
-const [web, program, camera, work, firefox = '/usr/bin/firefox-esr'] = process.argv.slice(2).map((path) => resolve(path));
+const [web, program, camera, work, firefox = '/usr/bin/firefox-esr'] =
+    process.argv.slice(2).map((path) => resolve(path));
 for (const needed of [web, program, camera, firefox]) {
   if (existsSync(needed)) continue;
   console.log(`skipped: ${needed} is not here`);
@@ -25,8 +27,9 @@ rmSync(work, {recursive: true, force: true});
 mkdirSync(join(work, 'web'), {recursive: true});
 for (const file of readdirSync(web)) copyFileSync(join(web, file), join(work, 'web', file));
 linkSync(camera, join(work, 'web', 'desk.y4m'));
-writeFileSync(join(work, 'web', 'index.html'), readFileSync(join(web, 'index.html'), 'utf8')
-  .replace('<script', '<script src="show.js"></script>\n<script'));
+writeFileSync(
+    join(work, 'web', 'index.html'),
+    readFileSync(join(web, 'index.html'), 'utf8').replace('<script', '<script src="show.js"></script>\n<script'));
 const wait = (/** @type {number} */ seconds) => new Promise((done) => setTimeout(done, 1000 * seconds));
 
 /** Firefox's protocol for tests: length:[0, number, method, parameters]. */
@@ -35,15 +38,23 @@ class Marionette {
   constructor(port) {
     this.profile = mkdtempSync(join(tmpdir(), 'pptam-firefox-'));
     const settings = {
-      'marionette.port': port, 'media.navigator.streams.fake': true, 'media.navigator.permission.disabled': true,
-      'browser.download.folderList': 2, 'browser.download.dir': work, 'browser.shell.checkDefaultBrowser': false,
-      'browser.helperApps.neverAsk.saveToDisk': 'application/x-tar', 'app.update.enabled': false,
-      'datareporting.policy.dataSubmissionEnabled': false, 'network.captive-portal-service.enabled': false,
+      'marionette.port': port,
+      'media.navigator.streams.fake': true,
+      'media.navigator.permission.disabled': true,
+      'browser.download.folderList': 2,
+      'browser.download.dir': work,
+      'browser.shell.checkDefaultBrowser': false,
+      'browser.helperApps.neverAsk.saveToDisk': 'application/x-tar',
+      'app.update.enabled': false,
+      'datareporting.policy.dataSubmissionEnabled': false,
+      'network.captive-portal-service.enabled': false,
     };
-    writeFileSync(join(this.profile, 'user.js'), Object.entries(settings)
-      .map(([name, value]) => `user_pref("${name}", ${JSON.stringify(value)});\n`).join(''));
-    this.process = spawn(firefox, ['--headless', '--marionette', '--no-remote', '--profile', this.profile],
-                         {stdio: 'ignore', env: {...process.env, HOME: this.profile}});
+    writeFileSync(
+        join(this.profile, 'user.js'),
+        Object.entries(settings).map(([name, value]) => `user_pref("${name}", ${JSON.stringify(value)});\n`).join(''));
+    this.process = spawn(
+        firefox, ['--headless', '--marionette', '--no-remote', '--profile', this.profile],
+        {stdio: 'ignore', env: {...process.env, HOME: this.profile}});
     this.ended = new Promise((done) => this.process.on('exit', done));
     this.port = port;
     this.number = 0;
@@ -69,8 +80,10 @@ class Marionette {
         bytes = bytes.subarray(end);
         if (!Array.isArray(message)) continue;  // the greeting
         const {done, failed} = this.waiting.get(message[1]);
-        if (message[2]) failed(new Error(message[2].message));
-        else done(message[3]);
+        if (message[2])
+          failed(new Error(message[2].message));
+        else
+          done(message[3]);
       }
     });
     await this.call('WebDriver:NewSession');
@@ -95,7 +108,9 @@ class Marionette {
   /** @param {string} expression @param {number} [seconds] */
   async until(expression, seconds = 60) {
     for (const end = Date.now() + 1000 * seconds; !await this.evaluate(expression).catch(() => false); await wait(0.3))
-      if (Date.now() > end) throw new Error(`after ${seconds} s still not: ${expression}; ${JSON.stringify(await this.evaluate('({...pocketPtam, result: null})'))}`);
+      if (Date.now() > end)
+        throw new Error(`after ${seconds} s still not: ${expression}; ${
+            JSON.stringify(await this.evaluate('({...pocketPtam, result: null})'))}`);
   }
 
   async close() {
@@ -127,11 +142,11 @@ const kShow = `navigator.mediaDevices.getUserMedia = async () => {
 };
 `;
 writeFileSync(join(work, 'web', 'show.js'), kShow);
-const set = (/** @type {string} */ id, /** @type {any} */ value) =>
-  `(document.getElementById('${id}').value = '${value}', document.getElementById('${id}').dispatchEvent(new Event('change')))`;
+const set = (/** @type {string} */ id, /** @type {any} */ value) => `(document.getElementById('${id}').value = '${
+    value}', document.getElementById('${id}').dispatchEvent(new Event('change')))`;
 const click = (/** @type {string} */ id) => `document.getElementById('${id}').click()`;
 
-const server = await serve(join(work, 'web'), () => "default-src 'self'; script-src 'self' 'wasm-unsafe-eval'");
+const server = await serve(join(work, 'web'), () => 'default-src \'self\'; script-src \'self\' \'wasm-unsafe-eval\'');
 const browser = new Marionette(20000 + process.pid % 20000);
 try {
   await browser.open();
@@ -149,14 +164,16 @@ try {
   await browser.evaluate(click('record'));
   await browser.until('pocketPtam.recorded > 0');
   const s = await browser.evaluate('({...pocketPtam, result: null})');
-  console.log(`${s.arrived} frames arrived, ${s.dropped} passed over; ${s.poses} of ${s.since} tracked since the first pose; ` +
-    `${s.simd ? 'with' : 'without'} vectors; ${s.drawn ? 'the house was drawn' : s.trouble}`);
+  console.log(
+      `${s.arrived} frames arrived, ${s.dropped} passed over; ${s.poses} of ${s.since} tracked since the first pose; ` +
+      `${s.simd ? 'with' : 'without'} vectors; ${s.drawn ? 'the house was drawn' : s.trouble}`);
   const tar = join(work, 'pocket-ptam-recording.tar');
   for (let i = 0; !existsSync(tar) && i < 50; ++i) await wait(0.2);
   await wait(1);
   assert.equal(spawnSync('tar', ['xf', tar, '-C', work]).status, 0);
-  const {status, stderr} = spawnSync(program, ['replay', join(work, 'pocket-ptam-recording'), '--no-overlay', '--out',
-                                               join(work, 'out')], {encoding: 'utf8'});
+  const {status, stderr} = spawnSync(
+      program, ['replay', join(work, 'pocket-ptam-recording'), '--no-overlay', '--out', join(work, 'out')],
+      {encoding: 'utf8'});
   assert.equal(status, 0, stderr);
   console.log('the native program repeats it with the same bits');
 

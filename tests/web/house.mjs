@@ -13,7 +13,8 @@ if (!existsSync(dump)) {
 
 /** The lines that the dump has for a pose. @param {number[]} numbers R by rows, t */
 function linesOf(numbers) {
-  const model = siteModel(placeHouse({R: Float32Array.from(numbers.slice(0, 9)), t: Float32Array.from(numbers.slice(9))}, 0.1));
+  const model =
+      siteModel(placeHouse({R: Float32Array.from(numbers.slice(0, 9)), t: Float32Array.from(numbers.slice(9))}, 0.1));
   /** @type {[string, number[]][]} */
   const lines = [];
   const line = (/** @type {string} */ what, /** @type {number[]} */ values) => lines.push([what, values]);
@@ -33,9 +34,10 @@ function linesOf(numbers) {
 }
 
 let expected = [], checked = 0, poses = 0;
-// Floats there, doubles here: some roundings of 6e-8 of coordinates up to a hundred. A colour's half may round otherwise.
+// Floats there, doubles here: some roundings of 6e-8 of coordinates up to a hundred. A colour's half may round
+// otherwise.
 const close = (/** @type {number} */ a, /** @type {number} */ b, /** @type {number} */ i) =>
-  Math.abs(a - b) <= (i < 3 ? 1e-4 * Math.max(1, Math.abs(a)) : 1);
+    Math.abs(a - b) <= (i < 3 ? 1e-4 * Math.max(1, Math.abs(a)) : 1);
 for (const text of readFileSync(dump, 'utf8').trim().split('\n')) {
   const [what, ...words] = text.split(' ');
   const numbers = words.map(Number);
@@ -48,8 +50,10 @@ for (const text of readFileSync(dump, 'utf8').trim().split('\n')) {
   const [name, values] = /** @type {[string, number[]]} */ (expected.shift());
   assert.equal(name, what);
   assert.equal(values.length, numbers.length);
-  if (numbers.length === 7) values.forEach((value, i) => assert.ok(close(numbers[i], value, i), `${what}: ${text} is ${values}`));
-  else assert.deepEqual(values.map(Math.fround), numbers.map(Math.fround));
+  if (numbers.length === 7)
+    values.forEach((value, i) => assert.ok(close(numbers[i], value, i), `${what}: ${text} is ${values}`));
+  else
+    assert.deepEqual(values.map(Math.fround), numbers.map(Math.fround));
   ++checked;
 }
 assert.ok(poses >= 20 && checked > 1000 && expected.length === 0);

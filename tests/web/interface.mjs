@@ -22,13 +22,22 @@ assert.deepEqual(WebAssembly.Module.imports(library.module), []);
 const functions = [...code.matchAll(/^PPTAM_API [^(]*?\b(pptam_\w+)\(/gm)].map((match) => match[1]);
 assert.ok(functions.length > 50);
 const beside = ['memory', '__indirect_function_table', '__heap_base', 'pptam_layout_text', 'pptam_layout_numbers'];
-assert.deepEqual(WebAssembly.Module.exports(library.module).map(({name}) => name).sort(),
-                 [...functions.filter((name) => withModels || !name.includes('model')), ...beside].sort());
+assert.deepEqual(
+    WebAssembly.Module.exports(library.module).map(({name}) => name).sort(),
+    [...functions.filter((name) => withModels || !name.includes('model')), ...beside].sort());
 
 // ---- Structures: the header's, each whole, so that only what alignment asks for lies between the fields.
-const kSizes = {int32_t: 4, uint32_t: 4, size_t: 4, pointer: 4, float: 4, int64_t: 8, bool: 1};
+const kSizes = {
+  int32_t: 4,
+  uint32_t: 4,
+  size_t: 4,
+  pointer: 4,
+  float: 4,
+  int64_t: 8,
+  bool: 1
+};
 const alignment = (/** @type {string} */ type) =>
-  kSizes[type] || Math.max(...structures[type].fields.map((field) => alignment(field.type)));
+    kSizes[type] || Math.max(...structures[type].fields.map((field) => alignment(field.type)));
 /** @param {Object<string, {bytes: number, fields: any[]}>} layout */
 function findGaps(layout) {
   const gaps = [];
@@ -43,21 +52,39 @@ function findGaps(layout) {
   }
   return gaps;
 }
-assert.deepEqual(Object.keys(structures), [...code.matchAll(/^typedef struct (pptam_\w+) {/gm)].map((match) => match[1]));
+assert.deepEqual(
+    Object.keys(structures), [...code.matchAll(/^typedef struct (pptam_\w+) {/gm)].map((match) => match[1]));
 assert.deepEqual(findGaps(structures), []);
 const fewer = structuredClone(structures);
 fewer.pptam_track_result.fields.splice(3, 1);
 assert.deepEqual(findGaps(fewer), ['pptam_track_result.progress'], 'control: a field that is missing is found out');
 const enumerators = new Set([...code.matchAll(/\bPPTAM_(?!API\b)[A-Z0-9_]+/g)].map((match) => match[0]));
 assert.deepEqual(new Set(Object.keys(library.constants)), enumerators);
-assert.deepEqual([library.constants.PPTAM_OK, library.constants.PPTAM_LIMIT_MEASUREMENTS,
-                  library.constants.PPTAM_MODEL_FEATURES, library.constants.PPTAM_PIXEL_I420], [0, 16, 4, 6]);
+assert.deepEqual(
+    [
+      library.constants.PPTAM_OK, library.constants.PPTAM_LIMIT_MEASUREMENTS, library.constants.PPTAM_MODEL_FEATURES,
+      library.constants.PPTAM_PIXEL_I420
+    ],
+    [0, 16, 4, 6]);
 
 // ---- The types that are written for editors name the same fields.
 const source = readFileSync(new URL('../../platform/web/pocket_ptam.js', import.meta.url), 'utf8');
-const kTypes = {Camera: 'camera', Pose: 'pose', Config: 'config', PhoneProfile: 'phone_profile', Frame: 'frame',
-  TrackResult: 'track_result', ObservedPoint: 'observed_point', Keyframe: 'keyframe', MapPoint: 'map_point',
-  Measurement: 'measurement', Plane: 'plane', MapInfo: 'map_info', ModelResult: 'model_result', ModelSite: 'model_site'};
+const kTypes = {
+  Camera: 'camera',
+  Pose: 'pose',
+  Config: 'config',
+  PhoneProfile: 'phone_profile',
+  Frame: 'frame',
+  TrackResult: 'track_result',
+  ObservedPoint: 'observed_point',
+  Keyframe: 'keyframe',
+  MapPoint: 'map_point',
+  Measurement: 'measurement',
+  Plane: 'plane',
+  MapInfo: 'map_info',
+  ModelResult: 'model_result',
+  ModelSite: 'model_site'
+};
 for (const [type, structure] of Object.entries(kTypes)) {
   const text = source.match(new RegExp(`@typedef {object} ${type}\\n([^]*?)\\*/`))[1];
   const named = [...text.matchAll(/@property {[^}]*} \[?(\w+)\]?/g)].map((match) => match[1]);
@@ -66,10 +93,18 @@ for (const [type, structure] of Object.entries(kTypes)) {
 
 // ---- Bad calls are refused, and say why.
 const c = library.constants;
-const camera = {width: 240, height: 320, fx: 358.6, fy: 358.6, cx: 119.5, cy: 159.5,
-                shutter_axis: c.PPTAM_SHUTTER_COLUMNS, line_time_s: -0.00025};
+const camera = {
+  width: 240,
+  height: 320,
+  fx: 358.6,
+  fy: 358.6,
+  cx: 119.5,
+  cy: 159.5,
+  shutter_axis: c.PPTAM_SHUTTER_COLUMNS,
+  line_time_s: -0.00025
+};
 const refused = (/** @type {() => any} */ call, /** @type {number} */ code, /** @type {RegExp} */ message) =>
-  assert.throws(call, (/** @type {any} */ error) => error.code === code && message.test(error.message));
+    assert.throws(call, (/** @type {any} */ error) => error.code === code && message.test(error.message));
 library.validateCamera(camera);
 refused(() => library.validateCamera({...camera, fx: NaN}), c.PPTAM_INVALID_ARGUMENT, /./);
 assert.throws(() => library.validateCamera(/** @type {any} */ ({...camera, focal: 3})), /has no field focal/);
@@ -78,10 +113,11 @@ assert.equal(config.max_keyframes, 35);
 assert.equal(config.camera.line_time_s, Math.fround(-0.00025));
 assert.equal(library.requiredBytes({...config, max_keyframes: -1}), 0);
 await assert.rejects(library.createSystem({...config, max_keyframes: -1}), (error) => error instanceof api.PtamError);
-await assert.rejects(library.createSystem({...config, max_map_points: 2 ** 31 - 1}),
-                     (error) => error instanceof api.PtamError);
+await assert.rejects(
+    library.createSystem({...config, max_map_points: 2 ** 31 - 1}), (error) => error instanceof api.PtamError);
 assert.equal(library.hintText(c.PPTAM_HINT_MOVE_SIDEWAYS), 'move sideways');
-const inverse = library.inverseAsQuaternion({R: Float32Array.of(1, 0, 0, 0, 1, 0, 0, 0, 1), t: Float32Array.of(1, 2, 3)});
+const inverse =
+    library.inverseAsQuaternion({R: Float32Array.of(1, 0, 0, 0, 1, 0, 0, 0, 1), t: Float32Array.of(1, 2, 3)});
 assert.deepEqual([...inverse.position, ...inverse.quaternion_xyzw], [-1, -2, -3, 0, 0, 0, 1]);
 
 const system = await library.createSystem(config);
@@ -111,8 +147,15 @@ if (existsSync(recordingFile)) {
   system.tap();
   const spans = [];
   let open = 0, ticks = 0n;
-  system.setTracer({begin: (span) => { spans.push(span), ++open; }, end: () => { --open; },
-                    count: (counter, value) => assert.equal(typeof value, 'bigint', String(counter))});
+  system.setTracer({
+    begin: (span) => {
+      spans.push(span), ++open;
+    },
+    end: () => {
+      --open;
+    },
+    count: (counter, value) => assert.equal(typeof value, 'bigint', String(counter))
+  });
   system.setClock(() => ++ticks);
   const later = 10n ** 12n;
   let result = system.track(frame(0, later));
@@ -160,12 +203,16 @@ if (existsSync(recordingFile)) {
 if (withModels) {
   const corners = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]];
   const face = (/** @type {number} */ first) => ({first, count: 4, open: false, min_area_px2: 0, min_length_px: 0});
-  const cube = {points: corners.flat(), corners: [0, 3, 2, 1, 4, 5, 6, 7, 0, 1, 5, 4, 2, 3, 7, 6, 1, 2, 6, 5, 0, 4, 7, 3],
-                faces: [0, 4, 8, 12, 16, 20].map(face)};
+  const cube = {
+    points: corners.flat(),
+    corners: [0, 3, 2, 1, 4, 5, 6, 7, 0, 1, 5, 4, 2, 3, 7, 6, 1, 2, 6, 5, 0, 4, 7, 3],
+    faces: [0, 4, 8, 12, 16, 20].map(face)
+  };
   const tracker = await library.createModelTracker(camera, cube);
   tracker.start({R: Float32Array.of(1, 0, 0, 0, 1, 0, 0, 0, 1), t: Float32Array.of(-0.5, -0.5, 4)});
   assert.equal(tracker.track({data: image, timestamp_ns: 1n}).pose_valid, false);
   assert.equal(tracker.sites().length >= 0, true);
-  await assert.rejects(library.createModelTracker(camera, {points: [0, 0, 0]}), (error) => error instanceof api.PtamError);
+  await assert.rejects(
+      library.createModelTracker(camera, {points: [0, 0, 0]}), (error) => error instanceof api.PtamError);
 }
 console.log(`passed: ${functions.length} functions, ${Object.keys(structures).length} structures`);

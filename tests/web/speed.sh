@@ -20,5 +20,6 @@ for vectors in "" _simd; do
     [[ "$hash" == "$web_hash" ]] || { echo "FAILED: another map" && exit 1; }
     awk -v a="$track" -v b="$web_track" -v c="$map" -v d="$web_map" -v e="$around" \
       'BEGIN { printf "%.2f %.2f  %.0f %.0f %.0f\n", b / a, d / c, a, b, e }'
-  done | sort -n | awk '{ lines[NR] = $0 } END { print "  least   " lines[1]; print "  median  " lines[int((NR + 1) / 2)]; print "  most    " lines[NR] }'
+  done | sort -n | awk '{ lines[NR] = $0 } END {
+    print "  least   " lines[1]; print "  median  " lines[int((NR + 1) / 2)]; print "  most    " lines[NR] }'
 done

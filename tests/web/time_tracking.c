@@ -1,7 +1,7 @@
 // How long pptam_track() takes on this computer: time_tracking RECORDING, one of tests/bare_metal. The recording is
 // tracked again and again; of each tracked frame the shortest time counts, so that what else the computer does matters
-// little. Prints the mean of these in microseconds, that of mapping after each frame, how many frames there are, and the
-// hash of the map: the same run as track_time.mjs.
+// little. Prints the mean of these in microseconds, that of mapping after each frame, how many frames there are, and
+// the hash of the map: the same run as track_time.mjs.
 #define _POSIX_C_SOURCE 199309L
 #include <stdint.h>
 #include <stdio.h>

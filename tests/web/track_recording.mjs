@@ -1,6 +1,6 @@
-// The run of tests/bare_metal/run.cpp once more, by the library for browsers and its JavaScript interface: the recording
-// is tracked, mapping for a while after each frame, and two lines are said of it, the second one with the hashes of all
-// results and of the map.
+// The run of tests/bare_metal/run.cpp once more, by the library for browsers and its JavaScript interface: the
+// recording is tracked, mapping for a while after each frame, and two lines are said of it, the second one with the
+// hashes of all results and of the map.
 //
 //   node track_recording.mjs LIBRARY.wasm RECORDING [CHANGED_FRAME]
 import {readFileSync} from 'node:fs';
@@ -21,7 +21,9 @@ class Fnv {
 }
 const hex = (/** @type {bigint} */ number) => number.toString(16).padStart(16, '0');
 
-/** @param {string} library @param {string} file @param {number} changedFrame in which one pixel is inverted; -1: none */
+/**
+ * @param {string} library @param {string} file @param {number} changedFrame in which one pixel is inverted; -1: none
+ */
 async function trackRecording(library, file, changedFrame) {
   const recording = readFileSync(file);
   const ptam = await PocketPtam.load(readFileSync(library));
@@ -49,8 +51,9 @@ async function trackRecording(library, file, changedFrame) {
     offset += 8 + pixels;
     if (i === changedFrame) data[Math.floor(pixels / 2)] ^= 0xff;
     r = system.track({data, timestamp_ns});
-    results.add(Int32Array.of(r.state, r.quality, r.hint, Number(r.pose_valid), r.points_found, r.points_inliers,
-                              r.partial_found, r.map, r.keyframes, r.map_points, r.observed_points));
+    results.add(Int32Array.of(
+        r.state, r.quality, r.hint, Number(r.pose_valid), r.points_found, r.points_inliers, r.partial_found, r.map,
+        r.keyframes, r.map_points, r.observed_points));
     for (const part of [r.T_cw.R, r.T_cw.t, r.velocity, r.covariance]) results.add(part);
     poses += Number(r.pose_valid);
     for (let slice = 0; slice < kSlicesAFrame && system.hasWork(); ++slice) system.workSlice();

@@ -1,5 +1,5 @@
-// The run of time_tracking.c by the library for browsers: node track_time.mjs LIBRARY.wasm RECORDING. The library's time
-// alone is told in the same places; last what pocket_ptam.js adds to a frame.
+// The run of time_tracking.c by the library for browsers: node track_time.mjs LIBRARY.wasm RECORDING. The library's
+// time alone is told in the same places; last what pocket_ptam.js adds to a frame.
 import {readFileSync} from 'node:fs';
 import process from 'node:process';
 
@@ -48,5 +48,5 @@ for (let run = 0; run < kRuns; ++run) {
   hash = system.mapHash();
 }
 const mean = (/** @type {'track'|'map'|'around'} */ what) =>
-  (best.reduce((sum, times) => sum + times[what], 0) / best.length).toFixed(2);
+    (best.reduce((sum, times) => sum + times[what], 0) / best.length).toFixed(2);
 console.log(`${mean('track')} ${mean('map')} ${best.length} ${hash.toString(16).padStart(16, '0')} ${mean('around')}`);

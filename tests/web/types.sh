@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# types.sh WORK: the types in pocket_ptam.js' comments are right, as editors read them (TypeScript), and a caller's mistake
-# is found. Exit code 77: TypeScript is not here.
+# types.sh WORK: the types in pocket_ptam.js' comments are right, as editors read them (TypeScript), and a caller's
+# mistake is found. Exit code 77: TypeScript is not here.
 set -euo pipefail
 
 work=$1
