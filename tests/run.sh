@@ -20,7 +20,7 @@ project, the web page in browsers, the core without an operating system on an em
 the whole program for boards with Debian, emulated: board-arm64, board-armhf, board-armel.
 With other options one preset, test if none is named; those that are not known here go to ctest:
   tests/run.sh -L unit                   only the tests of one folder: unit, kernels, map_file, budget, scenario,
-                                         calibrate, cli, display, platform, examples
+                                         calibrate, cli, display, platform, examples, web
   tests/run.sh -R Pyramid                only tests whose name matches
   tests/run.sh --rerun-failed            only those that failed the last time
   tests/run.sh --preset armv6 -R OfAFrame --verbose      the table of instructions a frame
@@ -157,6 +157,7 @@ for preset in "${presets[@]}"; do
       labels='^(kernels|map_file|bits|budget|edges)$'
       ;;
     cortex-m7) targets=(bare_metal bare_metal_all) labels='^bare_metal$' ;;
+    wasm) labels='^web$' ;;  # browsers only with --all
     armv7 | aarch64)
       targets=(kernels_tests map_file_tests bits_tests edges_tests)
       labels='^(kernels|map_file|bits|edges)$'
@@ -166,6 +167,8 @@ for preset in "${presets[@]}"; do
     targets+=(unit_tests) labels="${labels/(/(unit|}"
   elif [[ -n "${PPTAM_ALL:-}" && "$preset" == sanitize ]]; then
     targets+=(vivid_tests) labels="${labels/(/(vivid|}"
+  elif [[ -n "${PPTAM_ALL:-}" && "$preset" == wasm ]]; then
+    labels='^(web|browser)$'
   fi
   echo "== $preset: building"
   if ! cmake --preset "$preset" --log-level=WARNING >/dev/null ||

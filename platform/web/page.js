@@ -6,8 +6,8 @@ import {Renderer} from './renderer.js';
 
 const element = (/** @type {string} */ id) => /** @type {any} */ (document.getElementById(id));
 const view = element('canvas');
-const video = document.createElement('video');
-video.muted = video.playsInline = true;
+/** Some browsers play none that is not in the page. @type {HTMLVideoElement} */
+const video = element('video');
 
 /** What goes on, for tests and the curious. */
 const status = {
@@ -143,6 +143,7 @@ async function startCamera() {
     return;
   }
   showButtons(true);
+  navigator.wakeLock?.request('screen').catch(() => {});  // nobody touches a screen that is looked through
   nextFrame();
 }
 
