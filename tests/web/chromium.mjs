@@ -113,8 +113,8 @@ try {
                        return parseFloat(name) - i / 15;
                      })
                      .sort((a, b) => a - b);
-    // Where the computer is busy the camera itself is late, for some frames or for seconds. Earlier than a camera in time
-    // by half a period or more would be a picture with the time of the one before.
+    // Where the computer is busy the camera itself is late, for some frames or for seconds. Earlier than a camera in
+    // time by half a period or more would be a picture with the time of the one before.
     const inTime = late[Math.floor(0.1 * late.length)];
     const [first, last] = [late[0] - inTime, late[late.length - 1] - inTime].map((seconds) => 1000 * seconds);
     console.log(`capture times: ${first.toFixed(1)} to ${last.toFixed(1)} ms from an even rate`);
@@ -201,6 +201,28 @@ try {
     await page.until('/wasm-unsafe-eval/.test(pocketPtam.trouble)');
     forPage.close(), forAll.close();
   });
+
+  // What older browsers lack: taken away before the page is loaded.
+  const withoutWebGL = `HTMLCanvasElement.prototype.getContext = (get => function(kind, ...rest) {
+    return kind === 'webgl' ? null : get.call(this, kind, ...rest);
+  })(HTMLCanvasElement.prototype.getContext)`;
+  for (const [name, script, expected] of [
+           ['VideoFrame', 'delete globalThis.VideoFrame', 'pocketPtam.drawn > 10'],
+           [
+             'requestVideoFrameCallback', 'delete HTMLVideoElement.prototype.requestVideoFrameCallback',
+             'pocketPtam.drawn > 10'
+           ],
+           ['WebGL', withoutWebGL, 'pocketPtam.drawn === 0 && /no WebGL/.test(pocketPtam.trouble)'],
+  ]) {
+    await step(`without ${name}`, async () => {
+      const {identifier} = await page.call('Page.addScriptToEvaluateOnNewDocument', {source: script});
+      await page.open(server.origin + '/');
+      await page.until(kReady);
+      await page.evaluate(click('start'));
+      await page.until(`pocketPtam.tracked > 15 && ${expected}`);
+      await page.call('Page.removeScriptToEvaluateOnNewDocument', {identifier});
+    });
+  }
 
   await step('the example', async () => {
     await page.open(server.origin + '/example.html');
