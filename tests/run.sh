@@ -102,7 +102,8 @@ check_style() {
     count 0 0 2
     return
   fi
-  if find core platform sim_phone tests -name '*.h' -o -name '*.cpp' | xargs -d '\n' clang-format --dry-run -Werror; then
+  if find core platform sim_phone tests -name '*.h' -o -name '*.cpp' -o -name '*.js' -o -name '*.mjs' |
+    xargs -d '\n' clang-format --dry-run -Werror; then
     count 1 0 0
   else
     echo "FAILED: the formatting; mend it with clang-format -i"

@@ -7,8 +7,7 @@
 // Exit code 77: there is no browser, no program or no camera.
 import assert from 'node:assert/strict';
 import {spawn, spawnSync} from 'node:child_process';
-import {copyFileSync, existsSync, linkSync, mkdirSync, mkdtempSync, readdirSync} from 'node:fs';
-import {readFileSync, rmSync, writeFileSync} from 'node:fs';
+import * as fs from 'node:fs';
 import {connect} from 'node:net';
 import {tmpdir} from 'node:os';
 import {join, resolve} from 'node:path';
@@ -19,24 +18,24 @@ import {serve} from './browser.mjs';
 const [web, program, camera, work, firefox = '/usr/bin/firefox-esr'] =
     process.argv.slice(2).map((path) => resolve(path));
 for (const needed of [web, program, camera, firefox]) {
-  if (existsSync(needed)) continue;
+  if (fs.existsSync(needed)) continue;
   console.log(`skipped: ${needed} is not here`);
   process.exit(77);
 }
-rmSync(work, {recursive: true, force: true});
-mkdirSync(join(work, 'web'), {recursive: true});
-for (const file of readdirSync(web)) copyFileSync(join(web, file), join(work, 'web', file));
-linkSync(camera, join(work, 'web', 'desk.y4m'));
-writeFileSync(
+fs.rmSync(work, {recursive: true, force: true});
+fs.mkdirSync(join(work, 'web'), {recursive: true});
+for (const file of fs.readdirSync(web)) fs.copyFileSync(join(web, file), join(work, 'web', file));
+fs.linkSync(camera, join(work, 'web', 'desk.y4m'));
+fs.writeFileSync(
     join(work, 'web', 'index.html'),
-    readFileSync(join(web, 'index.html'), 'utf8').replace('<script', '<script src="show.js"></script>\n<script'));
+    fs.readFileSync(join(web, 'index.html'), 'utf8').replace('<script', '<script src="show.js"></script>\n<script'));
 const wait = (/** @type {number} */ seconds) => new Promise((done) => setTimeout(done, 1000 * seconds));
 
 /** Firefox's protocol for tests: length:[0, number, method, parameters]. */
 class Marionette {
   /** @param {number} port */
   constructor(port) {
-    this.profile = mkdtempSync(join(tmpdir(), 'pptam-firefox-'));
+    this.profile = fs.mkdtempSync(join(tmpdir(), 'pptam-firefox-'));
     const settings = {
       'marionette.port': port,
       'media.navigator.streams.fake': true,
@@ -49,7 +48,7 @@ class Marionette {
       'datareporting.policy.dataSubmissionEnabled': false,
       'network.captive-portal-service.enabled': false,
     };
-    writeFileSync(
+    fs.writeFileSync(
         join(this.profile, 'user.js'),
         Object.entries(settings).map(([name, value]) => `user_pref("${name}", ${JSON.stringify(value)});\n`).join(''));
     this.process = spawn(
@@ -117,7 +116,7 @@ class Marionette {
     this.socket?.destroy();
     this.process.kill('SIGKILL');
     await this.ended;
-    rmSync(this.profile, {recursive: true, force: true, maxRetries: 5});
+    fs.rmSync(this.profile, {recursive: true, force: true, maxRetries: 5});
   }
 }
 
@@ -141,7 +140,7 @@ const kShow = `navigator.mediaDevices.getUserMedia = async () => {
   return canvas.captureStream();
 };
 `;
-writeFileSync(join(work, 'web', 'show.js'), kShow);
+fs.writeFileSync(join(work, 'web', 'show.js'), kShow);
 const set = (/** @type {string} */ id, /** @type {any} */ value) => `(document.getElementById('${id}').value = '${
     value}', document.getElementById('${id}').dispatchEvent(new Event('change')))`;
 const click = (/** @type {string} */ id) => `document.getElementById('${id}').click()`;
@@ -160,7 +159,7 @@ try {
   await browser.evaluate(click('record'));
   await browser.until('pocketPtam.poses > 150');
   const {value} = await browser.call('WebDriver:TakeScreenshot');
-  writeFileSync(join(work, 'page.png'), Buffer.from(value, 'base64'));
+  fs.writeFileSync(join(work, 'page.png'), Buffer.from(value, 'base64'));
   await browser.evaluate(click('record'));
   await browser.until('pocketPtam.recorded > 0');
   const s = await browser.evaluate('({...pocketPtam, result: null})');
@@ -168,7 +167,7 @@ try {
       `${s.arrived} frames arrived, ${s.dropped} passed over; ${s.poses} of ${s.since} tracked since the first pose; ` +
       `${s.simd ? 'with' : 'without'} vectors; ${s.drawn ? 'the house was drawn' : s.trouble}`);
   const tar = join(work, 'pocket-ptam-recording.tar');
-  for (let i = 0; !existsSync(tar) && i < 50; ++i) await wait(0.2);
+  for (let i = 0; !fs.existsSync(tar) && i < 50; ++i) await wait(0.2);
   await wait(1);
   assert.equal(spawnSync('tar', ['xf', tar, '-C', work]).status, 0);
   const {status, stderr} = spawnSync(
