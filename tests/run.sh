@@ -13,14 +13,14 @@ Without options the presets below, one after the other:
   style     formatting and clang-tidy               armv6     kernels, map files and budget on an emulated ARM1176
   test      everything, by gcc                      armv7     kernels, map files and bits on a Cortex-A7 with NEON
   sanitize  unit, kernel, map file, bits and API    aarch64   the same on a 64-bit Cortex-A53
-            tests by clang with sanitizers
+            tests by clang with sanitizers          wasm      the library for browsers, by Node.js
 --all: besides, the tests of sanitize by clang without them, the unit tests on every processor, the studies whole that
 are otherwise sampled, in an emulated PC cameras with sanitizers, libcamera and a screen, the library as part of another
-project, the core without an operating system on an emulated microcontroller (cortex-m7), and the whole program for
-boards with Debian, emulated: board-arm64, board-armhf, board-armel.
+project, the web page in browsers, the core without an operating system on an emulated microcontroller (cortex-m7), and
+the whole program for boards with Debian, emulated: board-arm64, board-armhf, board-armel.
 With other options one preset, test if none is named; those that are not known here go to ctest:
   tests/run.sh -L unit                   only the tests of one folder: unit, kernels, map_file, budget, scenario,
-                                         calibrate, cli, display, platform, examples
+                                         calibrate, cli, display, platform, examples, web
   tests/run.sh -R Pyramid                only tests whose name matches
   tests/run.sh --rerun-failed            only those that failed the last time
   tests/run.sh --preset armv6 -R OfAFrame --verbose      the table of instructions a frame
@@ -28,15 +28,15 @@ HELP
   exit 0
 fi
 
-presets=(style test sanitize armv6 armv7 aarch64) one_preset="" options=()
+presets=(style test sanitize armv6 armv7 aarch64 wasm) one_preset="" options=()
 while (($# > 0)); do
   case "$1" in
     --all)
       export PPTAM_ALL=1
-      presets=(style test clang sanitize armv6 armv7 aarch64 cortex-m7 board-arm64 board-armhf board-armel)
+      presets=(style test clang sanitize armv6 armv7 aarch64 wasm cortex-m7 board-arm64 board-armhf board-armel)
       ;;
     --preset)
-      known=" style test debug clang sanitize armv6 armv7 aarch64 cortex-m7 board-arm64 board-armhf board-armel "
+      known=" style test debug clang sanitize armv6 armv7 aarch64 wasm cortex-m7 board-arm64 board-armhf board-armel "
       if [[ "$known" != *" ${2:-none} "* ]]; then
         echo "error: --preset needs one of$known; see --help" >&2
         exit 2
@@ -83,6 +83,10 @@ if [[ " ${presets[*]} " == *" test "* ]]; then
   install_packages "${window_packages[@]}" "${window_test_packages[@]}" || echo "the tests of a window will be skipped"
 fi
 
+if [[ " ${presets[*]} " == *" wasm "* && -n "${PPTAM_ALL:-}" ]]; then
+  install_packages "${browser_packages[@]}" || echo "the page in a browser will be skipped"
+fi
+
 passed=0 failed=0 skipped=0
 count() {  # passed, failed, skipped
   passed=$((passed + $1)) failed=$((failed + $2)) skipped=$((skipped + $3))
@@ -98,7 +102,8 @@ check_style() {
     count 0 0 2
     return
   fi
-  if find core platform sim_phone tests -name '*.h' -o -name '*.cpp' | xargs -d '\n' clang-format --dry-run -Werror; then
+  if find core platform sim_phone tests -name '*.h' -o -name '*.cpp' -o -name '*.js' -o -name '*.mjs' |
+    xargs -d '\n' clang-format --dry-run -Werror; then
     count 1 0 0
   else
     echo "FAILED: the formatting; mend it with clang-format -i"
@@ -137,6 +142,11 @@ for preset in "${presets[@]}"; do
         --target pocket-ptam grey_frames frame_numbers || true  # missed, it is skipped
     fi
   fi
+  if [[ "$preset" == wasm ]] && ! install_packages "${web_packages[@]}"; then
+    echo "skipped: wasm, whose packages cannot be had"
+    count 0 0 1
+    continue
+  fi
   targets=() labels=""
   case "$preset" in
     clang | sanitize)
@@ -148,6 +158,7 @@ for preset in "${presets[@]}"; do
       labels='^(kernels|map_file|bits|budget|edges)$'
       ;;
     cortex-m7) targets=(bare_metal bare_metal_all) labels='^bare_metal$' ;;
+    wasm) labels='^web$' ;;  # browsers only with --all
     armv7 | aarch64)
       targets=(kernels_tests map_file_tests bits_tests edges_tests)
       labels='^(kernels|map_file|bits|edges)$'
@@ -157,6 +168,8 @@ for preset in "${presets[@]}"; do
     targets+=(unit_tests) labels="${labels/(/(unit|}"
   elif [[ -n "${PPTAM_ALL:-}" && "$preset" == sanitize ]]; then
     targets+=(vivid_tests) labels="${labels/(/(vivid|}"
+  elif [[ -n "${PPTAM_ALL:-}" && "$preset" == wasm ]]; then
+    labels='^(web|browser)$'
   fi
   echo "== $preset: building"
   if ! cmake --preset "$preset" --log-level=WARNING >/dev/null ||

@@ -22,6 +22,10 @@ target_packages=(                                       # tests/run.sh runs the 
 microcontroller_packages=(                              # the core without an operating system
   gcc-arm-none-eabi libnewlib-arm-none-eabi libstdc++-arm-none-eabi-newlib qemu-system-arm
 )
+web_packages=(                                          # the library for browsers (toolchains/wasm32.cmake)
+  clang-19 lld-19 libclang-rt-19-dev-wasm32 libc++-19-dev-wasm32 wasi-libc nodejs
+)
+browser_packages=(chromium firefox-esr node-typescript)  # tests/web: the page in browsers, the types for editors
 board_packages=(                                        # toolchains/board.cmake cross-builds the program
   g++-12-arm-linux-gnueabi g++-12-arm-linux-gnueabihf g++-12-aarch64-linux-gnu qemu-user
 )

@@ -3,11 +3,9 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
-#if defined(__SSE2__)
-#include <emmintrin.h>
-
 #include <cstring>
-#endif
+
+#include "base/sse2.h"
 
 namespace pptam {
 
@@ -91,7 +89,7 @@ void plain::sample_profile(const GreyView& image, const Vector2f& px, const Vect
   }
 }
 
-#if defined(__SSE2__)
+#if defined(PPTAM_SSE2)
 
 // The three samples in a lane each; both pixels of a row, and then both rows, by one multiplication. That bilinear()
 // multiplies the difference instead makes none: nothing is rounded.

@@ -8,6 +8,8 @@
 #include <algorithm>
 #include <cstdint>
 
+#include "base/sse2.h"
+
 namespace pptam {
 
 constexpr int kPatchSize = 8;                 // pixels [ptam 5.3, phone 4]
@@ -297,7 +299,7 @@ inline RefineSums refine_sums(const RefineSample& s, const RefineTemplate& T) {
 #endif
 #if defined(__ARM_NEON)
 #include "image/kernels_neon.h"
-#elif defined(__SSE2__)
+#elif defined(PPTAM_SSE2)
 #include "image/kernels_sse2.h"
 #endif
 
@@ -319,7 +321,7 @@ using plain::window_sums;
 }  // namespace kernel
 #elif defined(__ARM_FEATURE_SIMD32)
 namespace kernel = armv6;
-#elif defined(__SSE2__)
+#elif defined(PPTAM_SSE2)
 namespace kernel = sse2;
 #else
 namespace kernel = plain;

@@ -1,10 +1,10 @@
-// The kernels for x86-64, where compilers do not vectorise the plain ones well. The results have the same bits.
+// The kernels for x86-64 and for WebAssembly with vectors, where compilers do not vectorise the plain ones well. The
+// results have the same bits.
 #pragma once
-
-#include <emmintrin.h>
 
 #include <cstring>
 
+#include "base/sse2.h"
 #include "image/kernels.h"
 
 namespace pptam::sse2 {
