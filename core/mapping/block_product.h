@@ -4,7 +4,7 @@
 // Every element of C is summed in the order of the panels' columns, so that the variants give the same bits.
 #pragma once
 
-#if defined(__SSE2__)
+#if defined(__SSE2__) && !defined(PPTAM_PLAIN)
 #include <emmintrin.h>
 #endif
 
@@ -46,7 +46,7 @@ inline void subtract_product(Scalar* c, const Scalar* a, const Scalar* b, int de
   subtract_product_plain(c, a, b, depth);
 }
 
-#if defined(__SSE2__)
+#if defined(__SSE2__) && !defined(PPTAM_PLAIN)
 // Two columns of C are three vectors of four numbers: rows 0-3 of the first column; rows 4, 5 of the first and 0, 1 of
 // the second; rows 2-5 of the second.
 inline void subtract_product(float* c, const float* a, const float* b, int depth) {
