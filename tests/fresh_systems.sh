@@ -6,21 +6,23 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
 if [[ "${1:-}" == -h || "${1:-}" == --help ]]; then
   cat <<'HELP'
-Usage: tests/fresh_systems.sh [--folder DIR] [--demo-only] [bookworm | trixie | noble]...
+Usage: tests/fresh_systems.sh [--folder DIR] [--demo-only | --make-only] [bookworm | trixie | noble]...
 Makes each system (all three if none is named) in DIR/NAME [build/fresh_systems], installs nothing in it but what a
 fresh one has, and runs there ./sim_phone/demo.sh and ./tests/run.sh. Needs root, a network, a few GB for each system, and hours for all.
 A folder that is there already is used again; remove it to begin anew.
   --demo-only   not the tests
+  --make-only   only the folders, for tests/bits/table.sh
 Exit code: 0 when everything passed, 1 otherwise.
 HELP
   exit 0
 fi
 
-folder=$PWD/build/fresh_systems systems=() demo_only=""
+folder=$PWD/build/fresh_systems systems=() demo_only="" make_only=""
 while (($# > 0)); do
   case "$1" in
     --folder) folder=$(realpath -m "${2:?--folder needs a folder}"); shift ;;
     --demo-only) demo_only=yes ;;
+    --make-only) make_only=yes ;;
     bookworm | trixie | noble) systems+=("$1") ;;
     *)
       echo "error: $1 is neither bookworm, trixie nor noble; see --help" >&2
@@ -73,6 +75,7 @@ for name in "${systems[@]}"; do
       continue
     }
   fi
+  [[ -z "$make_only" ]] || continue
   rm -rf "$root/src"
   git clone --quiet . "$root/src"
   for place in proc dev; do

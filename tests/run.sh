@@ -10,7 +10,7 @@ if [[ "${1:-}" == -h || "${1:-}" == --help ]]; then
 Usage: tests/run.sh [--all] [--preset NAME] [CTEST OPTIONS]
 Builds the tests and runs them. On Debian it first installs the packages that are missing (as root or by sudo).
 Without options the presets below, one after the other:
-  style     formatting and clang-tidy               armv6     kernels, map files and budget on an emulated ARM1176
+  style     formatting, clang-tidy, API documents   armv6     kernels, map files and budget on an emulated ARM1176
   test      everything, by gcc                      armv7     kernels, map files and bits on a Cortex-A7 with NEON
   sanitize  unit, kernel, map file, bits and API    aarch64   the same on a 64-bit Cortex-A53
             tests by clang with sanitizers          wasm      the library for browsers, by Node.js
@@ -99,8 +99,14 @@ check_style() {
   tidy=$(clang-tidy --version 2>/dev/null | sed -nE 's/.*version ([0-9]+).*/\1/p' || true)
   if [[ "$format" != 14 || "$tidy" != 14 ]]; then
     echo "skipped: style is checked with version 14; clang-format is ${format:-missing}, clang-tidy ${tidy:-missing}"
-    count 0 0 2
+    count 0 0 3
     return
+  fi
+  if core/docs/make.sh >/dev/null; then  # every warning is an error
+    count 1 0 0
+  else
+    echo "FAILED: the API's documentation"
+    count 0 1 0
   fi
   if find core platform sim_phone tests -name '*.h' -o -name '*.cpp' -o -name '*.js' -o -name '*.mjs' |
     xargs -d '\n' clang-format --dry-run -Werror; then
@@ -150,18 +156,19 @@ for preset in "${presets[@]}"; do
   targets=() labels=""
   case "$preset" in
     clang | sanitize)
-      targets=(unit_tests kernels_tests map_file_tests bits_tests api_tests edges_tests)
-      labels='^(unit|kernels|map_file|bits|api|edges)$'
+      targets=(unit_tests kernels_tests map_file_tests bits_tests api_tests edges_tests
+        kernels_fuzz map_file_fuzz c_api_fuzz c_model_fuzz)
+      labels='^(unit|kernels|map_file|bits|api|edges|fuzz)$'
       ;;
     armv6)
-      targets=(kernels_tests map_file_tests bits_tests budget_tests edges_tests)
-      labels='^(kernels|map_file|bits|budget|edges)$'
+      targets=(kernels_tests map_file_tests bits_tests budget_tests edges_tests code_size_core code_size_all)
+      labels='^(kernels|map_file|bits|budget|edges|code_size)$'
       ;;
-    cortex-m7) targets=(bare_metal bare_metal_all) labels='^bare_metal$' ;;
+    cortex-m7) targets=(bare_metal code_size_core code_size_all) labels='^(bare_metal|code_size)$' ;;
     wasm) labels='^web$' ;;  # browsers only with --all
     armv7 | aarch64)
-      targets=(kernels_tests map_file_tests bits_tests edges_tests)
-      labels='^(kernels|map_file|bits|edges)$'
+      targets=(kernels_tests map_file_tests bits_tests edges_tests code_size_core code_size_all)
+      labels='^(kernels|map_file|bits|edges|code_size)$'
       ;;
   esac
   if [[ -n "${PPTAM_ALL:-}" && "$preset" =~ ^(arm|aarch) ]]; then

@@ -1,5 +1,5 @@
-# Sourced by tests/run.sh, tests/bench/run.sh, tests/fuzz/run.sh, sim_phone/demo.sh and toolchains/make_sysroot.sh: the
-# Debian packages that a build needs, and how they get installed.
+# Sourced by tests/run.sh, tests/bench/run.sh, tests/fuzz/run.sh, tests/bits/table.sh, core/docs/make.sh,
+# sim_phone/demo.sh and toolchains/make_sysroot.sh: the Debian packages that a build needs, and how they get installed.
 
 program_packages=(
   g++ cmake ninja-build pkgconf
@@ -29,7 +29,7 @@ browser_packages=(chromium firefox-esr node-typescript)  # tests/web: the page i
 board_packages=(                                        # toolchains/board.cmake cross-builds the program
   g++-12-arm-linux-gnueabi g++-12-arm-linux-gnueabihf g++-12-aarch64-linux-gnu qemu-user
 )
-style_packages=(clang clang-format clang-tidy)
+style_packages=(clang clang-format clang-tidy doxygen)
 sanitize_packages=(clang libclang-rt-dev)
 fuzz_packages=("${sanitize_packages[@]}")
 driver_packages=(                                       # tests/platform boots Debian's kernels with our programs

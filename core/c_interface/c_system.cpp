@@ -265,8 +265,25 @@ pptam_status pptam_config_phone(const pptam_camera* camera, pptam_config* config
   return kDone;
 }
 
+pptam_status pptam_config_tiny(const pptam_camera* camera, pptam_config* config) {
+  if (!camera || !config) return refused(kNullPointer);
+  const pptam_camera as_given = *camera;
+  *config = pptam::c::config_to_c(pptam::Config::tiny(pptam::c::camera_from(as_given).model));
+  config->camera = as_given;
+  return kDone;
+}
+
 pptam_status pptam_config_validate(const pptam_config* config) {
   return pptam::c::config_status(config);
+}
+
+pptam_status pptam_required_parts(const pptam_config* config, pptam_memory_parts* parts) {
+  if (!parts) return refused(kNullPointer);
+  const pptam_status status = pptam::c::config_status(config);
+  if (status.code != PPTAM_OK) return status;
+  const pptam::MemoryParts all = pptam::System::required_parts(pptam::c::config_from(*config));
+  *parts = {all.map, all.tracking, all.mapping, all.rest + pptam::c::head_bytes<pptam_system>()};
+  return kDone;
 }
 
 size_t pptam_required_bytes(const pptam_config* config) {

@@ -9,7 +9,6 @@ namespace pptam {
 
 namespace {
 
-constexpr int kSmallLevel = kPyramidLevels - 1;  // 15x20 pixels on the phone [phone 4]
 // Small images of more pixels are halved until they have no more: twice the phone's. A phone of 480x640 pixels that
 // pans at 45 to 75 degrees/s is tracked throughout with 15x20 pixels as with 30x40. Not swept.
 constexpr int kMaxPixels = 600;
@@ -47,7 +46,7 @@ constexpr int16_t kOutside = INT16_MIN;  // in warped_: the pixel falls outside 
 constexpr int kUnit = 16;                // warped_ is in units of 1/kUnit grey level
 
 int aligned_level(const CameraModel& camera) {
-  int level = kSmallLevel;
+  int level = small_image_level(camera.width, camera.height);
   while ((camera.width >> level) * (camera.height >> level) > kMaxPixels) ++level;
   return level;
 }
@@ -64,16 +63,17 @@ FullFrameRotation::FullFrameRotation(Arena& arena, const Camera& camera)
       shutter_lines_(camera.shutter.line_time_s == 0                      ? LampLines::kNone
                      : camera.shutter.axis == RollingShutter::Axis::kRows ? LampLines::kRows
                                                                           : LampLines::kColumns),
+      small_level_(small_image_level(camera.model.width, camera.model.height)),
       level_(aligned_level(camera.model)),
       width_(camera.model.width >> level_),
       height_(camera.model.height >> level_),
-      previous_levels_(arena, level_ - kSmallLevel),
-      current_levels_(arena, level_ - kSmallLevel),
+      previous_levels_(arena, level_ - small_level_),
+      current_levels_(arena, level_ - small_level_),
       pixels_(arena, width_ * height_),
       lines_(arena, shutter_lines_ == LampLines::kNone ? 0 : std::max(width_, height_)),
       warped_(arena, width_ * height_) {
   for (FixedVector<GreyImage>* levels : {&previous_levels_, &current_levels_}) {
-    for (int l = kSmallLevel + 1; l <= level_; ++l) {
+    for (int l = small_level_ + 1; l <= level_; ++l) {
       const int width = camera_.width >> l, height = camera_.height >> l;
       levels->push_back({arena.allocate_array<uint8_t>(static_cast<size_t>(width) * height), width, height, width});
     }
@@ -137,7 +137,7 @@ void FullFrameRotation::warp(const GreyView& current, const Matrix3f& R_cp, cons
 RotationEstimate FullFrameRotation::estimate(const GreyView& previous, const GreyView& current, const Matrix3f& R_start,
                                              const Vector3f& t_over_depth, bool lamp_bands) {
   for (const GreyView* small : {&previous, &current})
-    PPTAM_ASSERT(small->width == camera_.width >> kSmallLevel && small->height == camera_.height >> kSmallLevel);
+    PPTAM_ASSERT(small->width == camera_.width >> small_level_ && small->height == camera_.height >> small_level_);
   previous_ = reduced(previous, previous_levels_);
   current_ = reduced(current, current_levels_);
   t_over_depth_ = t_over_depth;

@@ -94,7 +94,8 @@ class FullFrameRotation {
 
   CameraModel camera_;
   LampLines shutter_lines_;
-  int level_;  // of the images aligned: that of the small images, or a coarser one
+  int small_level_;  // of the small images
+  int level_;        // of the images aligned: that, or a coarser one
   int width_, height_;
   FixedVector<GreyImage> previous_levels_, current_levels_;  // coarser than the small images
   FixedVector<Pixel> pixels_;

@@ -50,9 +50,9 @@ void MotionModel::predict(const Matrix3f& R_cp) {
   prior_ = prior(T_predicted_);
 }
 
-bool MotionModel::rotation_surprises(const Camera& camera) const {
+bool MotionModel::rotation_surprises(const Config& config) const {
   if (!with_map_ || !rotation_ok_) return false;
-  return so3_log(R_cp_ * expected_.R.transpose()).norm() * camera.model.fx > kSurprise_px;
+  return so3_log(R_cp_ * expected_.R.transpose()).norm() * config.camera.model.fx > kSurprise_px * config.px_scale();
 }
 
 void MotionModel::disregard_rotation() {

@@ -8,6 +8,7 @@
 // radians/s. A *believed* pose is one that was measured in its frame.
 #pragma once
 
+#include <pocket_ptam/config.h>
 #include "camera/full_frame_rotation.h"
 #include "camera/pose_update.h"
 
@@ -26,7 +27,7 @@ class MotionModel {
 
   // Whether the full-frame rotation differs so much from the expected one that it may be that of a thing which moves
   // through the view.
-  bool rotation_surprises(const Camera& camera) const;
+  bool rotation_surprises(const Config& config) const;
   // Predicts anew without the full-frame rotation.
   void disregard_rotation();
 

@@ -182,11 +182,11 @@ ModelTracker::Impl::Impl(Arena& arena, const ModelTrackerConfig& configuration)
   };
   grey = image(0);
   storage = PyramidStorage(arena, width, height, 1);
-  small = image(kPyramidLevels - 1);
-  previous_small = image(kPyramidLevels - 1);
+  small = small_image_storage(arena, width, height);
+  previous_small = small_image_storage(arena, width, height);
   for (int i = 0; i < kViews; ++i) {
     View view;
-    view.small = image(kPyramidLevels - 1);
+    view.small = small_image_storage(arena, width, height);
     views.push_back(view);
   }
 }

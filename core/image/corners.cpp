@@ -9,15 +9,15 @@
 namespace pptam {
 namespace {
 
-// Radii of the score's windows, pixels of each level: 3x3 where all pixels are scored, and in the ascent 5x5 in L1 and
-// 7x7 in L0. Measured: see corners.h.
+// Radii of the score's windows, pixels of each level: 3x3 where all pixels are scored, and in the ascent 5x5 in the
+// finest level scored and 7x7 in the one below, L0. Measured: see corners.h.
 constexpr int kScoreRadius = 1;
-constexpr int kRadiusL1 = 2;
+constexpr int kScoredRadius = 2;
 constexpr int kRadiusL0 = 3;
 constexpr int kMinBorder = kRadiusL0 + 2;  // pixels: windows of a 3x3 neighbourhood and their gradients stay inside
-// Steps in one level. From 2 x kMinBorder on, five lead to 5 from the edge of L1, which is kMinBorder.
+// Steps in one level. From 2 x kMinBorder on, five lead to 5 from the edge of a level, which is kMinBorder.
 constexpr int kMaxAscentSteps = 5;
-constexpr int kMinDistance = 6;  // between corners, level-0 pixels; not swept
+constexpr int kMinDistance = 3;  // between corners, pixels of the finest level scored; not swept
 // Bound of the threshold on the smaller eigenvalue of a 3x3 window's sums, grey^2: more than the 9 x 255^2 that it
 // reaches; twice of it is within int32_t.
 constexpr float kMaxThreshold = 2e6f;
@@ -68,10 +68,8 @@ void sum_row(const GreyView& image, int y, int first, int last, StructureTensor*
 
 // Whether a score is greater than its neighbours before it in row-major order and not less than those after it: of
 // equal neighbours only the first is taken.
-bool is_maximum(const float* score, int stride) {
+bool is_maximum(const float* above, const float* score, const float* below) {
   const float s = *score;
-  const float* above = score - stride;
-  const float* below = score + stride;
   return s > score[-1] && s > above[-1] && s > above[0] && s > above[1] &&  //
          s >= score[1] && s >= below[-1] && s >= below[0] && s >= below[1];
 }
@@ -113,12 +111,14 @@ float shi_tomasi_score(const GreyView& image, int x, int y) {
   return std::max(0.0f, 0.5f * tensor_scale(kRadiusL0) * twice_smaller_eigenvalue(sum));
 }
 
-CornerDetector::CornerDetector(Arena& arena, int width_l0, int height_l0)
-    : score_(arena, (width_l0 >> kFinestScored) * (height_l0 >> kFinestScored)),
-      rows_(arena, 3 * (width_l0 >> kFinestScored)),
+CornerDetector::CornerDetector(Arena& arena, int width_l0, int height_l0, int search_level)
+    : finest_scored_(std::min(search_level, 1)),
+      score_(arena, std::max((width_l0 >> coarsest_scored()) * (height_l0 >> coarsest_scored()),
+                             3 * (width_l0 >> finest_scored_))),
+      rows_(arena, 3 * (width_l0 >> finest_scored_)),
       // Maxima are never adjacent: there is at most one in each 2x2 block.
-      maxima_(arena, ((width_l0 >> (kFinestScored + 1)) + 1) * ((height_l0 >> (kFinestScored + 1)) + 1)),
-      taken_(arena, ((width_l0 >> (kFinestScored + 1)) + 1) * ((height_l0 >> (kFinestScored + 1)) + 1)) {}
+      maxima_(arena, ((width_l0 >> coarsest_scored()) + 1) * ((height_l0 >> coarsest_scored()) + 1)),
+      taken_(arena, ((width_l0 >> coarsest_scored()) + 1) * ((height_l0 >> coarsest_scored()) + 1)) {}
 
 void CornerDetector::start(const Pyramid& pyramid, const CornerParams& params) {
   PPTAM_ASSERT(params.max_ascent_steps >= 1 && params.max_ascent_steps <= kMaxAscentSteps);
@@ -128,7 +128,7 @@ void CornerDetector::start(const Pyramid& pyramid, const CornerParams& params) {
   taken_.clear();
   scored_pixels_ = 0;
   ascent_steps_ = 0;
-  start_level(kCoarsestScored);
+  start_level(coarsest_scored());
 }
 
 void CornerDetector::start_level(int level) {
@@ -137,8 +137,8 @@ void CornerDetector::start_level(int level) {
   round_.clear();
   next_ = 0;
   const GreyView& image = pyramid_.level[level];
-  border_ = std::max(params_.border_l2 << (kCoarsestScored - level), kMinBorder);
-  score_.resize(image.width * image.height);
+  border_ = std::max(params_.border << (coarsest_scored() - level), kMinBorder);
+  score_.resize(level == coarsest_scored() ? image.width * image.height : 3 * image.width);
   rows_.resize(3 * image.width);
   row_ = std::min(image.width, image.height) > 2 * border_ ? border_ - 1 : image.height;
 }
@@ -164,7 +164,7 @@ void CornerDetector::score_row() {
   const StructureTensor* const above = sums_of(y - 1);
   const StructureTensor* const middle = sums_of(y);
   const StructureTensor* const below = sums_of(y + 1);
-  float* scores = score_.data() + y * image.width;
+  float* const scores = scores_of(y);
   for (int x = first_x; x <= last_x; ++x) {
     scores[x] = 0;
     const int32_t xx = above[x].xx + middle[x].xx + below[x].xx;
@@ -176,12 +176,13 @@ void CornerDetector::score_row() {
   }
 
   if (y <= border_) return;
-  scores -= image.width;
+  const float* const before = scores_of(y - 1);
+  const float* const before_that = scores_of(y - 2);
   const int cell_row = (y - 1) * params_.cells_y / image.height * params_.cells_x;
   for (int x = border_; x < image.width - border_; ++x) {
-    if (scores[x] == 0 || !is_maximum(scores + x, image.width)) continue;
+    if (before[x] == 0 || !is_maximum(before_that + x, before + x, scores + x)) continue;
     Maximum maximum;
-    maximum.score = scores[x];
+    maximum.score = before[x];
     maximum.x = static_cast<int16_t>(x);
     maximum.y = static_cast<int16_t>(y - 1);
     maximum.cell = static_cast<int16_t>(cell_row + x * params_.cells_x / image.width);
@@ -210,35 +211,38 @@ void CornerDetector::order_round() {
 }
 
 bool CornerDetector::apart(int x, int y) const {
+  const int distance = kMinDistance << finest_scored_;
   return std::none_of(taken_.begin(), taken_.end(), [&](const Corner& other) {
     const int dy = other.y - y;
-    if (dy >= kMinDistance || dy <= -kMinDistance) return false;
+    if (dy >= distance || dy <= -distance) return false;
     const int dx = other.x - x;
-    return dx * dx + dy * dy < kMinDistance * kMinDistance;
+    return dx * dx + dy * dy < distance * distance;
   });
 }
 
-// Follows a maximum to L1 and L0. False when it is below min_score there, or nearer than kMinDistance to a corner
+// Follows a maximum down to L0. False when it is below min_score there, or nearer than kMinDistance to a corner
 // already found.
 bool CornerDetector::follow(const Maximum& maximum, Corner* corner) {
   int x = maximum.x, y = maximum.y;
-  if (level_ == kCoarsestScored) {
-    // The centre of the L2 pixel lies at 2 x + 0.5 in L1, between two pixels: the one on the side of the greater L2
-    // score is the start.
+  if (level_ == coarsest_scored()) {
+    // The centre of its pixel lies at 2 x + 0.5 in the finer level, between two pixels: the one on the side of the
+    // greater score is the start.
     const int width = pyramid_.level[level_].width;
     const float* score = score_.data() + y * width + x;
     x = 2 * x + (score[1] > score[-1] ? 1 : 0);
     y = 2 * y + (score[width] > score[-width] ? 1 : 0);
-  } else if (!apart(2 * x, 2 * y)) {
+  } else if (!apart(x << finest_scored_, y << finest_scored_)) {
     return false;
   }
-  const float score_l1 = ascend<kRadiusL1>(pyramid_.level[1], params_.max_ascent_steps, &x, &y, &ascent_steps_);
-  if (score_l1 < params_.min_score) return false;
-  x *= 2;  // rounded down: the first 3x3 neighbourhood holds all four pixels round the centre of the L1 pixel
-  y *= 2;
-  const float score_l0 = ascend<kRadiusL0>(pyramid_.level[0], params_.max_ascent_steps, &x, &y, &ascent_steps_);
-  if (score_l0 < params_.min_score || !apart(x, y)) return false;
-  *corner = {static_cast<int16_t>(x), static_cast<int16_t>(y), std::min({maximum.score, score_l1, score_l0})};
+  float score = ascend<kScoredRadius>(pyramid_.level[finest_scored_], params_.max_ascent_steps, &x, &y, &ascent_steps_);
+  if (score < params_.min_score) return false;
+  if (finest_scored_ > 0) {
+    x *= 2;  // rounded down: the first 3x3 neighbourhood holds all four pixels round the centre of the L1 pixel
+    y *= 2;
+    score = std::min(score, ascend<kRadiusL0>(pyramid_.level[0], params_.max_ascent_steps, &x, &y, &ascent_steps_));
+  }
+  if (score < params_.min_score || !apart(x, y)) return false;
+  *corner = {static_cast<int16_t>(x), static_cast<int16_t>(y), std::min(maximum.score, score)};
   taken_.push_back(*corner);
   return true;
 }
@@ -251,7 +255,7 @@ CornerProgress CornerDetector::advance(Corner* corner) {
   if (next_ == round_.size()) {
     order_round();
     if (round_.size() > 0) return CornerProgress::kWorking;
-    if (level_ == kFinestScored) return CornerProgress::kEnd;
+    if (level_ == finest_scored_) return CornerProgress::kEnd;
     start_level(level_ - 1);
     return CornerProgress::kWeaker;
   }
@@ -269,6 +273,9 @@ int CornerDetector::detect(const Pyramid& pyramid, const CornerParams& params, s
   return count;
 }
 
+ShiTomasiCorners::ShiTomasiCorners(Arena& arena, const Config& config, WorkMeter& meter)
+    : meter_(meter), detector_(arena, config.camera.model.width, config.camera.model.height, config.search_level) {}
+
 void ShiTomasiCorners::start(const Pyramid& pyramid) {
   detector_.start(pyramid, CornerParams());
 }
@@ -282,7 +289,7 @@ CornerProgress ShiTomasiCorners::advance(Corner* corner) {
 }
 
 CornerSource* create_shi_tomasi_corners(Arena& arena, const Config& config, WorkMeter& meter) {
-  return arena.create<ShiTomasiCorners>(config.camera.model.width, config.camera.model.height, meter);
+  return arena.create<ShiTomasiCorners>(config, meter);
 }
 
 }  // namespace pptam

@@ -1,5 +1,6 @@
 // Multi-scale Shi-Tomasi corners [phone 3.1]: exhaustive only in L2, then iterative ascent down to L1 and L0. Where
-// these are not enough, corners follow that are seen in L1 and L0 only: all of L1 is scored then.
+// these are not enough, corners follow that are seen in L1 and L0 only: all of L1 is scored then. Of cameras that are
+// searched in L0 (Config::tiny) all is a level finer: L1 is scored and followed down to L0, and then all of L0.
 //
 // Used once per keyframe and at the start of initialisation, never per tracked frame. Scores come from the integer
 // structure tensor of central differences; its minimum eigenvalue is the score. Windows are 7x7 in L0, 5x5 in L1 and
@@ -18,6 +19,8 @@
 
 namespace pptam {
 
+struct Config;
+
 struct CornerParams {
   // Smallest minimum eigenvalue of the structure tensor (mean over the window of products of central differences,
   // grey^2/px^2) at which a pixel counts as a corner, in every level. Lower values admit sensor noise, higher ones
@@ -25,10 +28,10 @@ struct CornerParams {
   // straight edge, along which a point cannot be located, gives 3.3 corners a frame at 4.0 and 0.05 at 6.0. A desk
   // dimmed to 30 % still gives 68 to 82 corners at 6.0.
   float min_score = 6.0f;
-  // Smallest distance of a corner from the edge of the L2 image, L2 pixels; at least 5, which the windows of the ascent
-  // need. A patch (4 px in L1) and the search circle (4 px in L1) need 4.
-  int border_l2 = 5;
-  int max_ascent_steps = 3;  // in each of L1 and L0 [phone 3.1: three]; 1 to 5
+  // Smallest distance of a corner from the edge of the coarsest level scored, its pixels; at least 5, which the windows
+  // of the ascent need. A patch (4 px in the level searched) and the search circle (4 px there) need 4.
+  int border = 5;
+  int max_ascent_steps = 3;  // in each finer level [phone 3.1: three]; 1 to 5
   // The image is divided into cells_x by cells_y buckets. Each round takes the best corner left in every bucket, so
   // that one textured area does not take all corners. cells_x * cells_y is at most 64. 40 px squares of the phone's
   // image; not swept.
@@ -43,11 +46,13 @@ float shi_tomasi_score(const GreyView& image, int x, int y);
 // Finds corners one at a time, as CornerSource does. A piece of work is to score one row, to order one round of
 // the buckets, or to follow one maximum down to L0. Within a round the strongest comes first. Corner::score is the
 // smallest of the minimum eigenvalues in the levels that it was followed through, grey^2/px^2. Two corners are never
-// closer than 6 level-0 pixels. No allocation after construction; memory is about 12 bytes for each L1 pixel.
+// closer than 3 pixels of the finest level scored. No allocation after construction; memory is about 6 bytes for each
+// pixel of that level.
 class CornerDetector {
  public:
   CornerDetector() = default;
-  CornerDetector(Arena& arena, int width_l0, int height_l0);
+  // search_level: that of the patches to be made of the corners. 0: L1 and L0 are scored; else L2 and L1.
+  CornerDetector(Arena& arena, int width_l0, int height_l0, int search_level = 1);
 
   void start(const Pyramid& pyramid, const CornerParams& params);
   CornerProgress advance(Corner* corner);
@@ -55,7 +60,7 @@ class CornerDetector {
   // returns the number of corners.
   int detect(const Pyramid& pyramid, const CornerParams& params, std::span<Corner> out, int enough = 0);
 
-  // Since start(): pixels of L2 and L1 of the rows scored, and 3x3 steps made in L1 and L0. The work meter charges
+  // Since start(): pixels of the rows scored in both levels, and 3x3 steps made in these and L0. The work meter charges
   // these.
   int scored_pixels() const { return scored_pixels_; }
   int ascent_steps() const { return ascent_steps_; }
@@ -72,21 +77,28 @@ class CornerDetector {
     if (a.score != b.score) return a.score > b.score;
     return a.y != b.y ? a.y < b.y : a.x < b.x;
   }
-  // The levels in which all pixels are scored.
-  static constexpr int kCoarsestScored = 2, kFinestScored = 1;
   void start_level(int level);
   void score_row();
   void order_round();
   bool apart(int x, int y) const;  // from all corners found, level-0 pixels
   bool follow(const Maximum& maximum, Corner* corner);
 
-  FixedVector<float> score_;           // of each pixel of level_, grey^2/px^2
+  // The levels in which all pixels are scored.
+  int finest_scored_ = 1;
+  int coarsest_scored() const { return finest_scored_ + 1; }
+
+  // Scores of a row of level_. Those of the finest level are kept for three rows only.
+  float* scores_of(int y) {
+    return score_.data() + (level_ == coarsest_scored() ? y : y % 3) * pyramid_.level[level_].width;
+  }
+
+  FixedVector<float> score_;           // of each pixel, grey^2/px^2
   FixedVector<StructureTensor> rows_;  // sums over 3 columns, of the last three rows
   FixedVector<Maximum> maxima_;
   FixedVector<Corner> taken_;  // corners found since start()
   Pyramid pyramid_;
   CornerParams params_;
-  int level_ = kCoarsestScored;             // being scored
+  int level_ = 0;                           // being scored
   int border_ = 0;                          // pixels of level_
   int row_ = 0;                             // next row to be scored
   InlineVector<int16_t, kMaxCells> round_;  // indices in maxima_: the best left in each bucket, best first
@@ -98,8 +110,7 @@ class CornerDetector {
 // CornerDetector as the corner source that Config names, with CornerParams' defaults.
 class ShiTomasiCorners final : public CornerSource {
  public:
-  ShiTomasiCorners(Arena& arena, int width_l0, int height_l0, WorkMeter& meter)
-      : meter_(meter), detector_(arena, width_l0, height_l0) {}
+  ShiTomasiCorners(Arena& arena, const Config& config, WorkMeter& meter);
 
   void start(const Pyramid& pyramid) override;
   CornerProgress advance(Corner* corner) override;

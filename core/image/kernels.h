@@ -294,6 +294,12 @@ inline RefineSums refine_sums(const RefineSample& s, const RefineTemplate& T) {
 }  // namespace plain
 }  // namespace pptam
 
+// With PPTAM_PLAIN the loops above are all there is, on every processor: to compare with.
+#if defined(PPTAM_PLAIN)
+namespace pptam {
+namespace kernel = plain;
+}
+#else
 #if defined(__ARM_FEATURE_SIMD32)
 #include "image/kernels_armv6.h"
 #endif
@@ -327,3 +333,4 @@ namespace kernel = sse2;
 namespace kernel = plain;
 #endif
 }  // namespace pptam
+#endif

@@ -46,8 +46,16 @@ Pyramid copy_pyramid(const Pyramid& source, const PyramidStorage& storage) {
   return copy;
 }
 
+GreyImage small_image_storage(Arena& arena, int width, int height) {
+  const int level = small_image_level(width, height);
+  width >>= level, height >>= level;
+  return {arena.allocate_array<uint8_t>(static_cast<size_t>(width) * static_cast<size_t>(height)), width, height,
+          width};
+}
+
 void make_small_image(const Pyramid& pyramid, const GreyImage& small) {
-  const GreyView& source = pyramid.level[kPyramidLevels - 1];
+  const GreyView& source = pyramid.level[small_image_level(pyramid.level[0].width, pyramid.level[0].height)];
+  PPTAM_ASSERT(small.width == source.width && small.height == source.height);
   for (int y = 0; y < source.height; ++y) {
     const uint8_t* up = source.row(y > 0 ? y - 1 : 0);
     const uint8_t* mid = source.row(y);

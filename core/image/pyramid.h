@@ -34,8 +34,17 @@ Pyramid build_pyramid(const GreyView& level0, const PyramidStorage& storage);
 // Copies a whole pyramid (level 0 included) into storage made with first_level = 0.
 Pyramid copy_pyramid(const Pyramid& source, const PyramidStorage& storage);
 
-// Writes level 4, blurred by the 3x3 binomial kernel (1 2 1), into `small`, which has level 4's size. At the border the
-// edge pixels are repeated.
+// Level of the small images of a width x height camera: 4, 15x20 pixels on the phone. 3 where that has fewer than 150
+// pixels, half the phone's: in 10x7 of 160x120, of which 8x5 are interior, hardly a turn can be seen.
+constexpr int small_image_level(int width, int height) {
+  constexpr int kCoarsest = kPyramidLevels - 1, kMinPixels = 150;
+  return (width >> kCoarsest) * (height >> kCoarsest) < kMinPixels ? kCoarsest - 1 : kCoarsest;
+}
+// An image of that level for each camera.
+GreyImage small_image_storage(Arena& arena, int width, int height);
+
+// Writes the pyramid's small_image_level(), blurred by the 3x3 binomial kernel (1 2 1), into `small`, which has its
+// size. At the border the edge pixels are repeated.
 void make_small_image(const Pyramid& pyramid, const GreyImage& small);
 
 }  // namespace pptam

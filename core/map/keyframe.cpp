@@ -14,10 +14,8 @@ constexpr int kQueueLength = 2;
 
 }  // namespace
 
-Keyframe::Keyframe(Arena& arena, const CameraModel& camera) : storage(arena, camera.width, camera.height, 0) {
-  const int width = camera.width >> (kPyramidLevels - 1), height = camera.height >> (kPyramidLevels - 1);
-  small = {arena.allocate_array<uint8_t>(static_cast<size_t>(width) * height), width, height, width};
-}
+Keyframe::Keyframe(Arena& arena, const CameraModel& camera)
+    : storage(arena, camera.width, camera.height, 0), small(small_image_storage(arena, camera.width, camera.height)) {}
 
 void Keyframe::set_images(const Pyramid& images, const GreyView& small_image) {
   pyramid = copy_pyramid(images, storage);

@@ -146,10 +146,11 @@ SearchOutcome find_template(const Pyramid& target, const PatchTemplate& patch, c
   return SearchOutcome::kFound;
 }
 
-bool predict_in_keyframe(const Map& map, const Camera& camera, int keyframe, const Vector3f& p_w,
+bool predict_in_keyframe(const Map& map, const Config& config, int keyframe, const Vector3f& p_w,
                          PredictedPoint* predicted) {
   const Keyframe& k = map.keyframes()[keyframe];
-  return camera.project_rolling(k.T_kw, k.velocity, p_w, predicted) && camera.in_image(predicted->px, kSearchBorder_px);
+  return config.camera.project_rolling(k.T_kw, k.velocity, p_w, predicted) &&
+         config.camera.in_image(predicted->px, search_border_px(config));
 }
 
 SE3 exposed_pose(const Map& map, const Camera& camera, const PatchSource& source) {

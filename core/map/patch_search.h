@@ -10,7 +10,9 @@ namespace pptam {
 
 // Points predicted nearer than this to the image's edge are not searched. Level-0 pixels: 8 for half a template of L1,
 // and half of the search radius of 8. Not swept.
-constexpr float kSearchBorder_px = 12.0f;
+inline float search_border_px(const Config& config) {
+  return 12.0f * config.px_scale();
+}
 
 // Where the search happens.
 struct SearchOptions {
@@ -46,9 +48,9 @@ int streak_parts(const Vector2f& streak_px, int level);
 SearchOutcome find_template(const Pyramid& target, const PatchTemplate& patch, const Vector2f& predicted_px,
                             const SearchOptions& options, WorkMeter& meter, ImagePoint* found);
 
-// Where p_w appears in a keyframe, rolling shutter included. False when it is not in the image, kSearchBorder_px
+// Where p_w appears in a keyframe, rolling shutter included. False when it is not in the image, search_border_px()
 // inside.
-bool predict_in_keyframe(const Map& map, const Camera& camera, int keyframe, const Vector3f& p_w,
+bool predict_in_keyframe(const Map& map, const Config& config, int keyframe, const Vector3f& p_w,
                          PredictedPoint* predicted);
 constexpr int64_t kPredictionInstructions = 900;  // of one Camera::project_rolling(), as counted for the ARM1176
 

@@ -220,7 +220,7 @@ Task<> Mapper::measure_remaining_points(int keyframe) {
     if (measured) continue;
     PredictedPoint predicted;
     meter_.charge(Work::kOther, kPredictionInstructions);
-    if (!predict_in_keyframe(map_, config_.camera, keyframe, point.p_w, &predicted)) continue;
+    if (!predict_in_keyframe(map_, config_, keyframe, point.p_w, &predicted)) continue;
     ImagePoint found;
     const SearchOutcome outcome =
         finder_.find(point.source, point.p_w, predicted, map_.keyframes()[keyframe].pyramid, options, &found);

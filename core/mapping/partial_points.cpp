@@ -9,7 +9,6 @@ namespace pptam {
 
 namespace {
 
-constexpr uint8_t kCornerLevel = 1;  // level of the corner's measurement: its sigma is 2 px, without refinement
 // Distance of a new corner from the points in the image, level-0 px: "sufficiently far" [phone 5.2]. Not swept.
 constexpr float kMinCornerDistance_px = 10.0f;
 // Reprojection error of a triangulated point, level-0 px: two sigma of level 1. More is off the epipolar line. Not
@@ -105,16 +104,17 @@ bool PartialPoints::promote(int i, int keyframe) {
   Vector3f p_w = T_we * Vector3f(partial.ray / partial.inverse_depth);
   PredictedPoint predicted;
   meter_.charge(Work::kOther, 2 * kPredictionInstructions + kExposedPoseInstructions);
-  if (!predict_in_keyframe(map_, camera, keyframe, p_w, &predicted)) return true;
-  // The search's circle reaches one sigma of the inverse depth along the epipolar line, on either side.
+  if (!predict_in_keyframe(map_, config_, keyframe, p_w, &predicted)) return true;
+  // The search's circle reaches two sigmas of the inverse depth along the epipolar line, on either side.
   const float sigma_q = partial.information > 0 ? 1.0f / std::sqrt(partial.information) : partial.inverse_depth;
   const Vector3f further_w = T_we * Vector3f(partial.ray / (partial.inverse_depth + sigma_q));
   PredictedPoint further;
   SearchOptions options;
   options.level = config_.search_level;
   options.radius_px = kSearchRadius_px;
-  if (predict_in_keyframe(map_, camera, keyframe, further_w, &further))
-    options.radius_px = std::clamp(kMargin_px + (further.px - predicted.px).norm(), kMinRadius_px, kMaxRadius_px);
+  if (predict_in_keyframe(map_, config_, keyframe, further_w, &further))
+    options.radius_px =
+        std::clamp(kMargin_px + (further.px - predicted.px).norm() / config_.px_scale(), kMinRadius_px, kMaxRadius_px);
   ImagePoint found;
   const SearchOutcome outcome = finder_.find(partial.source, p_w, predicted, target.pyramid, options, &found);
   if (outcome == SearchOutcome::kNotVisible) return true;
@@ -127,25 +127,25 @@ bool PartialPoints::promote(int i, int keyframe) {
   Triangulated triangulated;
   if (!triangulate(T_ts, camera.unproject(px_source), camera.unproject(px_target), kMinParallax_rad, &triangulated))
     return true;
-  const float relative_sigma =
-      triangulated.sigma_inverse_depth * triangulated.p_1.z() * kMeasurementNoise_px / camera.model.fx;
+  const float relative_sigma = triangulated.sigma_inverse_depth * triangulated.p_1.z() * kMeasurementNoise_px *
+                               config_.px_scale() / camera.model.fx;
   if (!(relative_sigma < kMaxRelativeDepthSigma)) return true;
+  const float max_error_px = kMaxPromotionError_px * config_.px_scale();
   Vector2f check_source, check_target;
   if (!camera.project(triangulated.p_1, &check_source) || !camera.project(T_ts * triangulated.p_1, &check_target) ||
-      (check_source - px_source).norm() > kMaxPromotionError_px ||
-      (check_target - px_target).norm() > kMaxPromotionError_px) {
+      (check_source - px_source).norm() > max_error_px || (check_target - px_target).norm() > max_error_px) {
     map_.count_partial_search(i, false);  // off the epipolar line: a wrong match
     return true;
   }
   p_w = T_ws * triangulated.p_1;
-  Measurement first{{partial.source.px, kCornerLevel}, partial.source.keyframe};
+  Measurement first{{partial.source.px, static_cast<uint8_t>(config_.search_level)}, partial.source.keyframe};
   if (!source.live()) {
     first.keyframe = static_cast<int16_t>(map_.nearest_live(partial.source.keyframe, keyframe));
     options.radius_px = kSearchRadius_px;
-    if (!predict_in_keyframe(map_, camera, first.keyframe, p_w, &predicted) ||
+    if (!predict_in_keyframe(map_, config_, first.keyframe, p_w, &predicted) ||
         finder_.find(partial.source, p_w, predicted, map_.keyframes()[first.keyframe].pyramid, options, &first.at) !=
             SearchOutcome::kFound ||
-        (first.at.px - predicted.px).norm() > kMaxPromotionError_px) {
+        (first.at.px - predicted.px).norm() > max_error_px) {
       map_.count_partial_search(i, false);
       return true;
     }
@@ -169,7 +169,7 @@ Task<> PartialPoints::find_occupied(int keyframe) {
   PredictedPoint predicted;
   for (const MapPoint& point : map_.points()) {
     if (point.id == 0 || !map_.measured_in(point, keyframe)) continue;
-    if (predict_in_keyframe(map_, config_.camera, keyframe, point.p_w, &predicted)) {
+    if (predict_in_keyframe(map_, config_, keyframe, point.p_w, &predicted)) {
       occupied_.push_back(predicted.px);
       surface_.add(T_kw * point.p_w);
     }
@@ -180,7 +180,7 @@ Task<> PartialPoints::find_occupied(int keyframe) {
     if (partial.id == 0) continue;
     const Vector3f p_w =
         exposed_pose(map_, config_.camera, partial.source) * Vector3f(partial.ray / partial.inverse_depth);
-    if (predict_in_keyframe(map_, config_.camera, keyframe, p_w, &predicted)) {
+    if (predict_in_keyframe(map_, config_, keyframe, p_w, &predicted)) {
       occupied_.push_back(predicted.px);
     } else {
       out_of_view_.push_back({partial.id, i});
@@ -210,6 +210,7 @@ Task<> PartialPoints::add_corners(int keyframe) {
   make_room();
   surface_.fit(1 / frame.mean_depth);
   corner_source_->start(frame.pyramid);
+  const float distance_px = kMinCornerDistance_px * config_.px_scale();
   int added = 0;
   Corner corner;
   while (added < config_.max_new_partial_points) {
@@ -219,8 +220,7 @@ Task<> PartialPoints::add_corners(int keyframe) {
     if (progress != CornerProgress::kFound) continue;
     const Vector2f px(static_cast<float>(corner.x), static_cast<float>(corner.y));
     bool free = true;
-    for (const Vector2f& other : occupied_)
-      free = free && (other - px).squaredNorm() > kMinCornerDistance_px * kMinCornerDistance_px;
+    for (const Vector2f& other : occupied_) free = free && (other - px).squaredNorm() > distance_px * distance_px;
     meter_.charge(Work::kOther, kCornerDistanceInstructions * occupied_.size());
     if (!free) continue;
     const Vector2f normalised = config_.camera.unproject(px);

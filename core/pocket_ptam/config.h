@@ -88,6 +88,12 @@ struct Config {
   // The 2009 phone's parts and capacities, for a camera from 64x64 pixels to 12 million (its 86 images may take 1 GB).
   // Its shutter is global until camera.shutter is set.
   static Config phone(const CameraModel& model);
+  // The same parts for a small camera of a microcontroller, 192x144 down to 120x160 pixels: a block of at most 1.5 MB.
+  // Patches are searched in the camera's own pixels, a level finer than the phone's, and capacities are smaller.
+  static Config tiny(const CameraModel& model);
+  // Lengths in the image, such as distances of corners and noise, are told for patches of level 1, the phone's
+  // search_level: their factor for this one.
+  float px_scale() const { return 0.5f * static_cast<float>(1 << search_level); }
   Status validate() const;
 };
 

@@ -164,6 +164,8 @@ typedef struct pptam_config {
 
 // The 2009 phone's parts and capacities for a camera. The calibration is looked at by pptam_create().
 PPTAM_API pptam_status pptam_config_phone(const pptam_camera* camera, pptam_config* config);
+// For a small camera of a microcontroller, 192x144 pixels at most: see Config::tiny in config.h.
+PPTAM_API pptam_status pptam_config_tiny(const pptam_camera* camera, pptam_config* config);
 PPTAM_API pptam_status pptam_config_validate(const pptam_config* config);
 
 // ---- System ---------------------------------------------------------------------------------------------------------
@@ -172,6 +174,14 @@ typedef struct pptam_system pptam_system;
 
 // Bytes of memory that pptam_create() needs; 0 when pptam_config_validate() refuses the configuration.
 PPTAM_API size_t pptam_required_bytes(const pptam_config* config);
+// These bytes by what they are for; a configuration that is refused has changed nothing.
+typedef struct pptam_memory_parts {
+  size_t map;       // keyframes' images, points, measurements, partial points
+  size_t tracking;  // the frame's pyramid, the search, the start, corners
+  size_t mapping;   // bundle adjustment, paused jobs
+  size_t rest;      // settings and bookkeeping
+} pptam_memory_parts;
+PPTAM_API pptam_status pptam_required_parts(const pptam_config* config, pptam_memory_parts* parts);
 // Builds a system inside memory, aligned as by malloc, which must outlive it. *system is set on success only.
 PPTAM_API pptam_status pptam_create(const pptam_config* config, void* memory, size_t bytes, pptam_system** system);
 // The configuration that the system was made with.

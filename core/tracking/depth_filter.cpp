@@ -68,7 +68,7 @@ DepthFilter::Place DepthFilter::project(const PartialPoint& partial, const SE3& 
     return config_.camera.project_rolling(T_cw, velocity, line->T_ws * Vector3f(partial.ray / q), predicted);
   };
   const bool visible = at(line->q, &line->at_q) && at(line->near, &line->at_near) && at(line->far, &line->at_far) &&
-                       config_.camera.in_image(line->at_q.px, kSearchBorder_px);
+                       config_.camera.in_image(line->at_q.px, search_border_px(config_));
   return visible ? Place::kVisible : Place::kNotVisible;
 }
 
@@ -124,7 +124,7 @@ bool DepthFilter::correct(const PartialAttempt& attempt, const MotionModel& moti
   const Vector2f J = line.slope(), e = attempt.at.px - line.at_q.px;
   const float J_sq = J.squaredNorm();
   const float across = J_sq > kMinSlope_sq ? std::abs(e.x() * J.y() - e.y() * J.x()) / std::sqrt(J_sq) : e.norm();
-  if (!(across < kMaxAcross_px)) return false;
+  if (!(across < kMaxAcross_px * config_.px_scale())) return false;
   const float variance = attempt.at.sigma() * attempt.at.sigma();
   const float information = partial.information + J_sq / variance;
   float inverse_depth = partial.inverse_depth;

@@ -38,10 +38,7 @@ FrameInput::FrameInput(Arena& arena, const CameraModel& camera, WorkMeter& meter
     : meter_(meter), pyramid_storage_(arena, camera.width, camera.height, 1) {
   const int width = camera.width, height = camera.height;
   grey_storage_ = {arena.allocate_array<uint8_t>(static_cast<size_t>(width) * height), width, height, width};
-  const int small_width = width >> (kPyramidLevels - 1), small_height = height >> (kPyramidLevels - 1);
-  for (GreyImage* small : {&small_, &previous_small_})
-    *small = {arena.allocate_array<uint8_t>(static_cast<size_t>(small_width) * small_height), small_width, small_height,
-              small_width};
+  for (GreyImage* small : {&small_, &previous_small_}) *small = small_image_storage(arena, width, height);
 }
 
 bool FrameInput::take(const Frame& frame, bool pass_repeated) {

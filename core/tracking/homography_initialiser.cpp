@@ -53,7 +53,7 @@ constexpr int kRelativeSteps = 8;  // iterations of one start at most; not swept
 // Points times iterations after which a frame tries no further start: about 1.2 million ARMv6 instructions, which keeps
 // the counted worst frame of a start in clutter at 4.1 million (tests/budget).
 constexpr int kRelativeBudget = 1200;
-constexpr float kEpipolarFloor_px = 0.3f;     // smallest robust scale: kStartSigma_px * kRobustSigmaFloor, as of H
+constexpr float kEpipolarFloor_px = 0.3f;     // smallest robust scale: start_sigma_px() * kRobustSigmaFloor, as of H
 constexpr float kMaxEpipolarSigma_px = 1.2f;  // robust scale, level-0 px; not swept
 constexpr float kMinEpipolarShare = 0.7f;     // inliers among the found points, a ratio; not swept
 // How well the relative pose must be known: sigma of the median point's depth, relative to the depth, and of the
@@ -111,7 +111,7 @@ Hint HomographyInitialiser::start(const FrameInput& frame, const Vector3f& rotat
   const Camera& camera = config_.camera;
   const float speed = rotation_rate.norm();
   if (speed > kMaxStartSpeed ||
-      speed * camera.model.fx * (camera.readout_s() + config_.exposure_s) > kMaxStartMotion_px)
+      speed * camera.model.fx * (camera.readout_s() + config_.exposure_s) > px(kMaxStartMotion_px))
     return Hint::kHoldStill;
   if (!tracker_.start(frame.pyramid(), rotation_rate)) return Hint::kTooLittleTexture;
   report_.progress = 0;
@@ -140,17 +140,17 @@ Initialiser::Progress HomographyInitialiser::track(const FrameInput& frame, cons
   previous_ns_ = frame.timestamp_ns();
   const float blur_px = so3_log(R_cp).norm() / dt_s * config_.exposure_s * config_.camera.model.fx;
   SearchOptions options;
-  options.level = blur_px > kBlurLimit_px ? config_.coarse_search_level : config_.search_level;
+  options.level = blur_px > px(kBlurLimit_px) ? config_.coarse_search_level : config_.search_level;
   options.radius_px = bad_frames_ > 0 || frames_ < kMinFramesToPredict ? kWideStartRadius_px : kStartRadius_px;
   const bool good = tracker_.track(recorder_.first_pyramid(), frame.pyramid(), dt_s, R_cp, options);
-  report_.hint = blur_px > kBlurLimit_px ? Hint::kTooFast : Hint::kMoveSideways;
+  report_.hint = blur_px > px(kBlurLimit_px) ? Hint::kTooFast : Hint::kMoveSideways;
   report_.observed = tracker_.observed();
   report_.attempted = tracker_.attempted();
   report_.found = tracker_.found();
   if (!good) return ++bad_frames_ > kMaxBadFrames ? give_up() : Progress::kTracking;
   bad_frames_ = 0;
   ++frames_;
-  const bool sharp = blur_px < kMaxSharpBlur_px;
+  const bool sharp = blur_px < px(kMaxSharpBlur_px);
   recorder_.note(frame, tracker_.points(), sharp);
   if (stage_ == Stage::kHypotheses) return compare(frame, dt_s);
   constrain(frame, R_cp, dt_s, sharp, options);
@@ -163,8 +163,8 @@ void HomographyInitialiser::constrain(const FrameInput& frame, const Matrix3f& R
   const std::span<const Vector2f> inliers = tracker_.inlier_rays();
   const Decomposition decomposition = decompose_homography(tracker_.H(), inliers, kPureRotationTolerance);
   const bool most_fit = static_cast<float>(inliers.size()) > kMinPlanarShare * static_cast<float>(tracker_.found());
-  const bool planar = most_fit && tracker_.sigma_px() < kMaxPlanarSigma_px;
-  const bool certainly_planar = planar && tracker_.sigma_px() < kCertainPlanarSigma_px;
+  const bool planar = most_fit && tracker_.sigma_px() < px(kMaxPlanarSigma_px);
+  const bool certainly_planar = planar && tracker_.sigma_px() < px(kCertainPlanarSigma_px);
   const Vector3f rotation_rate = so3_log(R_cp) / dt_s;
   const bool turns = decomposition.pure_rotation || decomposition.count == 0 ||
                      focal_of_rotation(tracker_.H(), kMaxWrongFocal, kPureRotationTolerance) > 0;
@@ -223,7 +223,7 @@ void HomographyInitialiser::renew_first_view(const FrameInput& frame, const Vect
 float HomographyInitialiser::planar_margin(const Decomposition& decomposition) {
   float worst_sigma_n = 0, shortest = kNoBaseline;
   for (int i = 0; i < decomposition.count; ++i) {
-    const float sigma = std::max(tracker_.sigma_px(), kDecompositionNoise_px) / config_.camera.model.fx;
+    const float sigma = std::max(tracker_.sigma_px(), px(kDecompositionNoise_px)) / config_.camera.model.fx;
     const DecompositionQuality quality =
         decomposition_quality(decomposition.solutions[i], tracker_.inlier_rays(), sigma);
     worst_sigma_n = std::max(worst_sigma_n, quality.sigma_n_rad);
@@ -237,7 +237,7 @@ float HomographyInitialiser::planar_margin(const Decomposition& decomposition) {
 float HomographyInitialiser::general_margin(const Decomposition& decomposition) {
   const std::span<const Correspondence> correspondences = tracker_.correspondences();
   seek_relative_pose(decomposition, correspondences);
-  if (!relative_.ok || relative_.sigma > kMaxEpipolarSigma_px / config_.camera.model.fx) return 0;
+  if (!relative_.ok || relative_.sigma > px(kMaxEpipolarSigma_px) / config_.camera.model.fx) return 0;
   if (next_start_ < kStartCount) return 0;  // a local minimum is possible until all starts have been tried
   const float depth_sigma = median_depth_sigma(correspondences);
   if (!(depth_sigma > 0)) return 0;
@@ -252,7 +252,7 @@ float HomographyInitialiser::general_margin(const Decomposition& decomposition) 
 void HomographyInitialiser::seek_relative_pose(const Decomposition& decomposition,
                                                std::span<const Correspondence> correspondences) {
   values_.resize(values_.capacity());
-  const float floor = kEpipolarFloor_px / config_.camera.model.fx;
+  const float floor = px(kEpipolarFloor_px) / config_.camera.model.fx;
   RelativePose best;
   int spent = 0;
   const auto attempt = [&](const SE3& T_start) {
@@ -284,7 +284,7 @@ float HomographyInitialiser::median_depth_sigma(std::span<const Correspondence> 
   for (const Correspondence& c : correspondences) {
     Triangulated triangulated;
     if (!triangulate(relative_.T_21, c.x1, c.x2, 0, &triangulated)) continue;
-    values_.push_back(triangulated.sigma_inverse_depth * triangulated.p_1.z() * kDecompositionNoise_px /
+    values_.push_back(triangulated.sigma_inverse_depth * triangulated.p_1.z() * px(kDecompositionNoise_px) /
                       config_.camera.model.fx);
   }
   return values_.size() < kMinInitialPoints ? 0.0f : median_of(values_);
@@ -351,12 +351,13 @@ bool HomographyInitialiser::add_points(const Hypothesis& hypothesis, Map& map) {
     if (index < 0) break;
     for (int k = 0; k < recorder_.count(); ++k) {
       const ViewRecorder::ViewPoint& seen = recorder_.view(k).points[i];
-      if (seen.found) map.add_measurement(index, {{seen.px, kStartLevel}, static_cast<int16_t>(k)});
+      if (seen.found) map.add_measurement(index, {{seen.px, start_level(config_)}, static_cast<int16_t>(k)});
     }
     map.count_search(index, true);
     for (int n = 0; n < neighbour_count; ++n) {
       const ViewRecorder::ViewPoint& seen = neighbours[n]->points[i];
-      if (seen.found) map.add_neighbour_measurement(n, {index, map.points()[index].id, {seen.px, kStartLevel}});
+      if (seen.found)
+        map.add_neighbour_measurement(n, {index, map.points()[index].id, {seen.px, start_level(config_)}});
     }
     ++count;
   }

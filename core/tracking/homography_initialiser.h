@@ -47,6 +47,8 @@ class HomographyInitialiser final : public Initialiser {
   bool add_views(const Hypothesis& hypothesis, Map& map);
   bool add_points(const Hypothesis& hypothesis, Map& map);
 
+  float px(float length) const { return length * config_.px_scale(); }
+
   const Config& config_;
   WorkMeter& meter_;
   HomographyTracker tracker_;

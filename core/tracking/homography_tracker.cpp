@@ -119,7 +119,8 @@ void HomographyTracker::correct(const Matrix3f& rate) {
 
 bool HomographyTracker::camera_stands() const {
   int resting = 0;
-  for (const TrackedPoint& point : points_) resting += point.found && point.farthest_sq < kRest_px * kRest_px;
+  const float rest_px = kRest_px * config_.px_scale();
+  for (const TrackedPoint& point : points_) resting += point.found && point.farthest_sq < rest_px * rest_px;
   return static_cast<float>(resting) > kMaxRestingShare * static_cast<float>(found_);
 }
 
@@ -130,6 +131,7 @@ bool HomographyTracker::scene_rests(const Pyramid& first_view, const Pyramid& py
   at_rest.refine = false;
   int turns = 0, searches = 0, resting = 0, found_at_rest = 0, moved = 0;
   const float rest_px = kRestRadius_px * static_cast<float>(1 << options.level);
+  const float moved_px = kMoved_px * config_.px_scale();
   for (const TrackedPoint& point : points_) {
     PatchTemplate patch;
     ImagePoint at;
@@ -137,7 +139,7 @@ bool HomographyTracker::scene_rests(const Pyramid& first_view, const Pyramid& py
     if (point.found) {
       const float shift_sq = (point.px_2 - point.px_1).squaredNorm();
       found_at_rest += shift_sq < rest_px * rest_px;
-      moved += shift_sq > kMoved_px * kMoved_px;
+      moved += shift_sq > moved_px * moved_px;
     } else if (point.had_turn && searches < kSearchesPerFrame) {
       ++searches;
       meter_.charge(Work::kPatchWarp, 1);
@@ -196,7 +198,7 @@ bool HomographyTracker::predict(const TrackedPoint& point, const Matrix3f& H_pre
     const Vector2f moved = apply_homography(Matrix3f::Identity() + dt_s * rate, x);
     *px += J.leftCols<2>() * (moved - x);
   }
-  if (!config_.camera.in_image(*px, kSearchBorder_px)) return false;
+  if (!config_.camera.in_image(*px, search_border_px(config_))) return false;
   *A = J.leftCols<2>() * homography_point_jacobian(H_predicted, point.x_1) * point.J_1.inverse();
   return true;
 }
@@ -247,11 +249,11 @@ bool HomographyTracker::fit(const Matrix3f& H_start) {
   weights_.resize(static_cast<int>(found.size()));
   squared_.resize(static_cast<int>(found.size()));
   const HomographyFit fit =
-      fit_homography(found, H_start, kStartSigma_px / config_.camera.model.fx, weights_, squared_);
+      fit_homography(found, H_start, start_sigma_px(config_) / config_.camera.model.fx, weights_, squared_);
   meter_.charge(Work::kHomographyPoint, fit.iterations * static_cast<int64_t>(found.size()));
   const float* weight = weights_.data();
   for (TrackedPoint& point : points_) point.weight = point.found ? *weight++ : 0.0f;
-  sigma_px_ = kStartSigma_px * fit.sigma;
+  sigma_px_ = start_sigma_px(config_) * fit.sigma;
   if (fit.ok) H_ = fit.H;
   return fit.ok;
 }

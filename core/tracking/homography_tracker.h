@@ -17,9 +17,13 @@ namespace pptam {
 
 // Pyramid level that all measurements of a start count as, those of blurred frames too: costs of hypotheses need one
 // unit.
-constexpr uint8_t kStartLevel = 1;
-// Expected standard deviation of a start's measurements, level-0 px: 2^kStartLevel, before sub-pixel refinement.
-constexpr float kStartSigma_px = 2.0f;
+inline uint8_t start_level(const Config& config) {
+  return static_cast<uint8_t>(config.search_level);
+}
+// Expected standard deviation of a start's measurements, level-0 px: 2^start_level(), before sub-pixel refinement.
+inline float start_sigma_px(const Config& config) {
+  return 2.0f * config.px_scale();
+}
 
 struct TrackedPoint {
   Vector2f px_1 = Vector2f::Zero();      // first view, level-0 pixels

@@ -171,7 +171,7 @@ void MapMatching::search(const Pyramid& pyramid, const SE3& T_start, const Veloc
     if (point.id == 0) continue;  // of support(): removed since the last frame
     meter_.charge(Work::kOther, kPredictionInstructions);
     if (!config_.camera.project_rolling(T_start, prior.mean, point.p_w, &predicted) ||
-        !config_.camera.in_image(predicted.px, kSearchBorder_px))
+        !config_.camera.in_image(predicted.px, search_border_px(config_)))
       continue;
     Attempt attempt;
     attempt.point = index;
@@ -198,13 +198,14 @@ int MapMatching::mark_occluded_points(const SE3& T_cw) {
   const auto depth = [&](const Attempt& attempt) {
     return T_cw.R.row(2).dot(map_.points()[attempt.point].p_w) + T_cw.t.z();
   };
+  const float near_px = kMaxOccluderDistance_px * config_.px_scale();
   int hidden = 0;
   for (Attempt& missed : attempts_) {
     if (missed.outcome != Attempt::Outcome::kMissed) continue;
     const float nearer = kMaxOccluderDepthRatio * depth(missed);
     for (const Attempt& seen : attempts_) {
       if (seen.outcome != Attempt::Outcome::kInlier || depth(seen) > nearer ||
-          (seen.at.px - missed.predicted_px).squaredNorm() > kMaxOccluderDistance_px * kMaxOccluderDistance_px)
+          (seen.at.px - missed.predicted_px).squaredNorm() > near_px * near_px)
         continue;
       missed.outcome = Attempt::Outcome::kHidden;
       ++hidden;
@@ -232,7 +233,7 @@ int MapMatching::staying(const MotionModel& motion) const {
     Vector2f px;
     staying += attempt.outcome == Attempt::Outcome::kInlier &&
                config_.camera.project(T_ahead * map_.points()[attempt.point].p_w, &px) &&
-               config_.camera.in_image(px, kSearchBorder_px);
+               config_.camera.in_image(px, search_border_px(config_));
   }
   return staying;
 }

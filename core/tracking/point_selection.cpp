@@ -44,7 +44,7 @@ void PointSelection::find_visible(const Map& map, const SE3& T_cw) {
     if (point.id == 0) continue;
     ++projected;
     Vector2f px;
-    if (!camera.project(T_cw * point.p_w, &px) || !camera.in_image(px, kSearchBorder_px)) continue;
+    if (!camera.project(T_cw * point.p_w, &px) || !camera.in_image(px, search_border_px(config_))) continue;
     const int k = point.source.keyframe;
     const Vector3f from_source = point.p_w - (k < cached ? source_centre[k] : map.keyframes()[k].T_kw.centre());
     const Vector3f from_here = point.p_w - centre;

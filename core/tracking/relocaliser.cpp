@@ -110,12 +110,13 @@ struct Moved {
 };
 Moved moved_by(const Overlay& overlay, float scale, const Camera& camera, const GreyView& small,
                const GreyView& keyframe, const GreyView& frame) {
+  const int small_level = small_image_level(camera.model.width, camera.model.height);
   const auto under = [&](float middle, int small_side, int frame_side, int keyframe_side, int shift) {
-    const float in_small = from_level0(middle, kPyramidLevels - 1) + 0.5f;
+    const float in_small = from_level0(middle, small_level) + 0.5f;
     const float in_keyframe =
         in_small * static_cast<float>(frame_side) / static_cast<float>(small_side) + static_cast<float>(shift);
     return to_level0(in_keyframe * static_cast<float>(small_side) / static_cast<float>(keyframe_side) - 0.5f,
-                     kPyramidLevels - 1);
+                     small_level);
   };
   const Vector2f middle(0.5f * static_cast<float>(camera.model.width - 1),
                         0.5f * static_cast<float>(camera.model.height - 1));

@@ -16,14 +16,14 @@ constexpr float kHypothesisCostRatio = 2.0f, kMinCostRatio = 1.2f, kCostRatioPer
 // A plane wins against the general structure up to this cost ratio: it has fewer unknowns. Not swept.
 constexpr float kPlaneCostRatio = 1.15f;
 constexpr float kCostMemory = 0.8f;    // factor of the summed costs per frame: a memory of about five frames; not swept
-constexpr float kMaxCostScale = 1.0f;  // robust scale of the costs, units of kStartSigma_px (2 px); not swept
+constexpr float kMaxCostScale = 1.0f;  // robust scale of the costs, units of start_sigma_px(); not swept
 // How far the velocity during a readout may be from that of the homography's rate, 1-sigma of each component: depths/s
 // and radians/s, a hand's tremor. Not swept.
 constexpr float kPriorTranslation = 0.1f;
 constexpr float kPriorRotation = 0.15f;
 constexpr int kMinFrames = 3;       // frames compared before a hypothesis may win; not swept
 constexpr int kMaxPosePoints = 40;  // of each hypothesis' pose: three poses must fit into a frame's time; not swept
-// Robust scale of the winner's residuals, units of kStartSigma_px (2 px): a right map fits to under half of it. Not
+// Robust scale of the winner's residuals, units of start_sigma_px(): a right map fits to under half of it. Not
 // swept.
 constexpr float kMaxSigma = 1.0f;
 constexpr float kMinParallax_rad = 0.01f;  // between the rays of a triangulated point: 0.6 degrees; not swept
@@ -150,7 +150,7 @@ float StartHypotheses::track_poses(const HomographyTracker& tracker, float dt_s)
 // explain it or has no position for it. A point that no hypothesis explains is a wrong match and does not count.
 void StartHypotheses::add_costs(std::span<const TrackedPoint> points, float scale) {
   float frame_cost[kHypotheses] = {};
-  const float saturated = tukey_cost(kUnseen, scale);
+  const float saturated = tukey_cost(kUnseen, scale), start_sigma = start_sigma_px(config_);
   for (int i = 0; i < static_cast<int>(points.size()); ++i) {
     const TrackedPoint& point = points[static_cast<size_t>(i)];
     if (!point.found || !found_at_branch_[i]) continue;
@@ -163,7 +163,7 @@ void StartHypotheses::add_costs(std::span<const TrackedPoint> points, float scal
       if (!hypothesis.alive || hypothesis.p_1[i].z() <= 0) continue;
       const SE3 T = pose_at(hypothesis.T_c1, hypothesis.velocity, config_.camera.dt_s(point.px_2));
       if (!config_.camera.project(T * hypothesis.p_1[i], &px)) continue;
-      cost[k] = tukey_cost((point.px_2 - px).squaredNorm() / (kStartSigma_px * kStartSigma_px), scale);
+      cost[k] = tukey_cost((point.px_2 - px).squaredNorm() / (start_sigma * start_sigma), scale);
       explained |= cost[k] < saturated;
     }
     for (int k = 0; k < kHypotheses; ++k)
@@ -207,7 +207,7 @@ void StartHypotheses::gather_pose_points(std::span<const TrackedPoint> points, c
     if (!usable(i)) continue;
     ++seen;
     if (seen * wanted / total == (seen - 1) * wanted / total) continue;
-    pose_points_.push_back({hypothesis.p_1[i], {points[static_cast<size_t>(i)].px_2, kStartLevel}});
+    pose_points_.push_back({hypothesis.p_1[i], {points[static_cast<size_t>(i)].px_2, start_level(config_)}});
   }
 }
 

@@ -20,7 +20,7 @@ struct Hypothesis {
   Vector6f velocity = Vector6f::Zero();
   FixedVector<Vector3f> p_1;  // one per point, first camera's frame; z = 0 where not triangulated
   float cost = 0;             // robust cost, summed over the frames with forgetting; units of scale^2
-  float sigma = 0;            // robust scale of its residuals in the current frame, units of kStartSigma_px
+  float sigma = 0;            // robust scale of its residuals in the current frame, units of start_sigma_px()
   bool alive = false;
 };
 

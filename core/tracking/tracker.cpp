@@ -188,7 +188,7 @@ void Tracker::predict() {
   if (lamp_bands_.seen()) frame_.set_lamp_lines(full_frame_rotation_.lines());
   meter_.charge(Work::kRotationPixel, static_cast<int64_t>(rotation.iterations) * full_frame_rotation_.pixels());
   motion_.turn(&rotation);
-  if (state_ != TrackingState::kLost && motion_.rotation_surprises(config_.camera)) choose_rotation();
+  if (state_ != TrackingState::kLost && motion_.rotation_surprises(config_)) choose_rotation();
 }
 
 // A thing that moves through the view looks like a turn of the camera, and so may parallax. Of the predictions with and
@@ -203,7 +203,7 @@ void Tracker::choose_rotation() {
 void Tracker::track_with_map(TrackResult* result) {
   using Search = MapMatching::Search;
   const float blur_px = motion_.image_speed() * config_.camera.model.fx * config_.exposure_s;
-  const bool blurred = blur_px > kCoarseBlur_px;
+  const bool blurred = blur_px > kCoarseBlur_px * config_.px_scale();
   const Search search = blurred ? Search::kBlurred : motion_.missed() > 0 ? Search::kWide : Search::kNormal;
   const bool with_partials = map_.ready() && !map_.locked() && confirmed_ == 0;
   MapMatch match = match_with_partials(search, with_partials);

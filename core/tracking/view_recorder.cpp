@@ -13,8 +13,12 @@ constexpr int64_t kNoteInstructions = 5;  // to copy one point: an estimate
 
 }  // namespace
 
-ViewRecorder::ViewRecorder(Arena& arena, const Config& config, WorkMeter& meter) : config_(config), meter_(meter) {
-  for (View& view : views_) {
+ViewRecorder::ViewRecorder(Arena& arena, const Config& config, WorkMeter& meter)
+    : config_(config),
+      meter_(meter),
+      // Leaves half of the keyframes for the map to grow.
+      places_(std::min(kMaxInitialKeyframes, std::max(kMinPlaces, config.max_keyframes / 2))) {
+  for (View& view : std::span(views_).first(static_cast<size_t>(places_))) {
     for (FixedVector<ViewPoint>* points : {&view.points, &view.before.points, &view.after.points})
       *points = FixedVector<ViewPoint>(arena, config.max_initial_points);
     view.frame = Keyframe(arena, config.camera.model);
@@ -72,15 +76,13 @@ void ViewRecorder::record(const FrameInput& frame, std::span<const TrackedPoint>
   if (views_[count_ - 1].frame.timestamp_ns == frame.timestamp_ns()) return;
   ++frames_since_view_;
   if (!last && frames_since_view_ < stride_) return;
-  const int places = std::min(kMaxInitialKeyframes,
-                              std::max(kMinPlaces, config_.max_keyframes / 2));  // leaves half for the map to grow
-  if (count_ == places && !last) {
-    for (int i = 1; 2 * i < places; ++i) std::swap(views_[i], views_[2 * i]);
-    count_ = (places + 1) / 2;
+  if (count_ == places_ && !last) {
+    for (int i = 1; 2 * i < places_; ++i) std::swap(views_[i], views_[2 * i]);
+    count_ = (places_ + 1) / 2;
     stride_ *= 2;
     if (frames_since_view_ < stride_) return;
   }
-  if (count_ == places) --count_;  // the newest view is replaced
+  if (count_ == places_) --count_;  // the newest view is replaced
   store(frame, points, views_[count_++]);
   frames_since_view_ = 0;
 }

@@ -52,6 +52,7 @@ class ViewRecorder {
 
   const Config& config_;
   WorkMeter& meter_;
+  const int places_;  // that are used of views_; the others have no memory
   View views_[kMaxInitialKeyframes];
   Neighbour last_;  // points of the frame before the present one
   int count_ = 0;

@@ -141,6 +141,18 @@ void add_show_options(CLI::App* command, ShowOptions* show) {
 void add_run_options(CLI::App* command, RunOptions* run, OutputOptions* output) {
   static const std::map<std::string, ClockKind> kClocks = {
       {"work", ClockKind::kWork}, {"steady", ClockKind::kSteady}, {"throttled", ClockKind::kThrottled}};
+  static const std::map<std::string, SystemProfile> kProfiles = {{"phone", SystemProfile::kPhone},
+                                                                 {"tiny", SystemProfile::kTiny}};
+  command
+      ->add_option_function<std::string>(
+          "--profile",
+          [run](const std::string& name) {
+            const auto found = kProfiles.find(name);
+            if (found == kProfiles.end()) throw InputError("--profile " + name + ": choose phone or tiny");
+            run->profile = found->second;
+          },
+          "The system: phone (2009), or tiny for a microcontroller, images of 192x144 to 160x120 in 1.5 MB [phone]")
+      ->type_name("NAME");
   command
       ->add_option("--out", output->out,
                    "Folder for the results [out/NAME]; files there that an earlier run did not make stay")
@@ -172,8 +184,9 @@ void add_run_options(CLI::App* command, RunOptions* run, OutputOptions* output) 
       ->check(CLI::Range(0.001, 1000.0))
       ->type_name("LENGTH");
   add_ground_option(command, run);
-  command->add_option("--max-keyframes", run->max_keyframes, "Config::max_keyframes [35]")->type_name("N");
-  command->add_option("--max-erased-keyframes", run->max_erased_keyframes, "Config::max_erased_keyframes [35]")
+  command->add_option("--max-keyframes", run->max_keyframes, "Config::max_keyframes [35; 12 of tiny]")->type_name("N");
+  command
+      ->add_option("--max-erased-keyframes", run->max_erased_keyframes, "Config::max_erased_keyframes [35; 4 of tiny]")
       ->type_name("N");
   command->add_flag_callback(
       "--no-damping", [run] { run->steady_damping = false; }, "Show every pose as measured, also of a camera at rest");

@@ -323,6 +323,7 @@ class SimCommand {
     if (chosen_.duration_s) options.repeat_options += format(" --duration %g", *chosen_.duration_s);
     if (chosen_.exposure_s) options.repeat_options += format(" --exposure %g", *chosen_.exposure_s);
     if (chosen_.profile) options.repeat_options += " --phone " + shell_word(chosen_.profile->name);
+    if (run_.profile == SystemProfile::kTiny) options.repeat_options += " --profile tiny";
     if (chosen_.drop_probability) options.repeat_options += format(" --drop %g", *chosen_.drop_probability);
     if (!chosen_.readout.empty()) options.repeat_options += " --readout " + chosen_.readout;
     if (chosen_.frames_per_s) options.repeat_options += format(" --fps %g", *chosen_.frames_per_s);

@@ -19,7 +19,10 @@
 
 namespace pptam::platform {
 
+enum class SystemProfile { kPhone, kTiny };  // Config::phone, Config::tiny
+
 struct RunOptions {
+  SystemProfile profile = SystemProfile::kPhone;
   ClockKind clock = ClockKind::kWork;
   // The work clock's phone: its processor, and what of its time each frame's capture and display take.
   PhoneProfile processor;

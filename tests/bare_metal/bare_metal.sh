@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
-# bare_metal.sh PROGRAM.elf RECORDINGS EMULATOR...: runs the microcontroller's program on the recording that the test
+# bare_metal.sh PROGRAM.elf RECORDING EMULATOR...: runs the microcontroller's program on a recording that the test
 # bare_metal.recording of preset "test" has made, and compares what both say of it. Exit code 77: there is none.
 set -euo pipefail
 
-program=$1 recording=$2/bare_metal.frames expected=$2/bare_metal.result
+program=$1 recording=$2 expected=${2%.frames}.result
 shift 2
 skip() {
   echo "skipped: $*"

@@ -3,7 +3,7 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "tests/bare_metal/run.h"
+#include "tests/bits/run.h"
 
 // Set by mps2_an500.ld.
 extern "C" uint32_t data_load[], data_begin[], data_end[], bss_begin[], bss_end[], stack_top[];
@@ -49,8 +49,8 @@ const char* recording_name() {
 }
 
 // In external memory, which nothing clears.
-[[gnu::section(".external")]] alignas(std::max_align_t) std::byte block[7 * 1024 * 1024];
-[[gnu::section(".external")]] uint8_t image[320 * 240];
+[[gnu::section(".external")]] alignas(std::max_align_t) std::byte block[kBlockBytes];
+[[gnu::section(".external")]] uint8_t image[kImageBytes];
 
 [[noreturn]] void run() {
   const char* const name = recording_name();

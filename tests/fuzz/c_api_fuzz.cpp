@@ -11,49 +11,15 @@
 #include <vector>
 
 #include <pocket_ptam/pocket_ptam_c.h>
+#include "tests/fuzz/script.h"
 #include "tests/support/small_map.h"
 
 namespace {
 
 using namespace pptam;
-
-void require(bool condition, const char* what) {
-  if (condition) return;
-  std::fprintf(stderr, "%s\n", what);
-  std::abort();
-}
-
-pptam_status checked(const pptam_status& status) {
-  require(status.code >= PPTAM_OK && status.code <= PPTAM_CONFIG_MISMATCH, "a status that is none");
-  require((status.message[0] == '\0') == (status.code == PPTAM_OK), "a message without, or none with, a trouble");
-  return status;
-}
-
-class Script {
- public:
-  Script(const uint8_t* data, size_t size) : data_(data), size_(size) {}
-  bool more() const { return size_ > 0; }
-  template <class T>
-  T take() {
-    T value = {};
-    const size_t bytes = std::min(size_, sizeof value);
-    std::memcpy(static_cast<void*>(&value), data_, bytes);
-    data_ += bytes;
-    size_ -= bytes;
-    return value;
-  }
-  // Four bytes of it are others: at a place, of any kind.
-  template <class T>
-  void change(T* it) {
-    const size_t offset = take<uint16_t>() % (sizeof *it - 3);
-    const auto number = take<uint32_t>();
-    std::memcpy(reinterpret_cast<char*>(it) + offset, &number, sizeof number);
-  }
-
- private:
-  const uint8_t* data_;
-  size_t size_;
-};
+using test::checked;
+using test::require;
+using test::Script;
 
 using Memory = std::vector<std::max_align_t>;
 constexpr size_t kMostBytes = size_t{8} << 20;  // of a system that is made
@@ -81,6 +47,18 @@ int64_t no_time(void* user) {
   return *static_cast<const int64_t*>(user);
 }
 
+int open_spans = 0;
+void note_span(void* user, int32_t span) {
+  require(span >= 0 && span < PPTAM_SPAN_COUNT, "a span that is none");
+  ++*static_cast<int*>(user);
+}
+void end_span(void* user, int32_t span) {
+  require(span >= 0 && span < PPTAM_SPAN_COUNT && --*static_cast<int*>(user) >= 0, "an end without a beginning");
+}
+void note_count(void* /*user*/, int32_t counter, int64_t /*value*/) {
+  require(counter >= 0 && counter < PPTAM_COUNTER_COUNT, "a counter that is none");
+}
+
 template <class T, class Copy>
 void copy_out(size_t room, const Copy& copy) {
   std::vector<T> out(room);  // the sanitizer watches its end
@@ -92,7 +70,7 @@ void copy_out(size_t room, const Copy& copy) {
 void call(Target& target, Script& script, pptam_system* system, int64_t* now_ns) {
   static int64_t time = 0;
   const size_t room = script.take<uint8_t>() % 64;
-  switch (script.take<uint8_t>() % 14) {
+  switch (script.take<uint8_t>() % 16) {
     case 0:
       checked(pptam_tap(system));
       break;
@@ -152,6 +130,24 @@ void call(Target& target, Script& script, pptam_system* system, int64_t* now_ns)
     case 10:
       for (size_t i = 0; i < room; ++i) checked(pptam_work_slice(system));
       break;
+    case 11: {
+      const float px[2] = {script.take<float>(), (room & 1) != 0 ? 40.0f : script.take<float>()};
+      pptam_pose change;
+      if (checked(pptam_set_ground(system, px, (room & 2) != 0 ? &change : nullptr)).code == PPTAM_OK &&
+          (room & 2) != 0)
+        for (const float number : change.R) require(std::isfinite(number), "a change that is no number");
+      break;
+    }
+    case 12: {
+      const pptam_tracer tracer = {note_span, end_span, note_count, &open_spans};
+      require(open_spans == 0, "a span that was not ended");
+      pptam_tracer incomplete = tracer;
+      if ((room & 6) == 2) incomplete.end = nullptr;
+      checked(pptam_set_tracer(system, (room & 6) == 6 ? nullptr : &incomplete));
+      copy_out<pptam_plane>(room, [&](auto... a) { return pptam_planes(system, script.take<int32_t>() % 3, a...); });
+      copy_out<pptam_plane>(room, [&](auto... a) { return pptam_planes(system, 0, a...); });
+      break;
+    }
     default: {  // a frame, mostly a good one
       const GreyView image = target.original.map.keyframes()[room & 1].pyramid.level[0];
       pptam_frame frame = {image.data, image.width, image.height, image.stride, PPTAM_PIXEL_GREY, *now_ns + 66666667};
@@ -179,6 +175,9 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
     if (i == 1) script.change(&config);  // may be none any more: then there is no second system
     const size_t bytes = pptam_required_bytes(&config);
     require((bytes == 0) == (checked(pptam_config_validate(&config)).code != PPTAM_OK), "bytes of no configuration");
+    pptam_memory_parts parts = {};
+    if (checked(pptam_required_parts(&config, &parts)).code == PPTAM_OK)
+      require(parts.map + parts.tracking + parts.mapping + parts.rest == bytes, "parts of another whole");
     const size_t given = bytes <= kMostBytes ? bytes : kMostBytes;
     const pptam_status status = checked(pptam_create(&config, target.memory[i].data(), given, &systems[i]));
     require((status.code == PPTAM_OK) == (systems[i] != nullptr), "a handle of no system");

@@ -195,7 +195,7 @@ TEST(Corners, AnyOddSizeAndStrideIsSafeAndRepeatable) {
       return 128 + texture.value(x, y);
     });
     CornerParams params;
-    params.border_l2 = random.integer(0, 7);
+    params.border = random.integer(0, 7);
     params.max_ascent_steps = random.integer(1, 5);
     const Detected d = detect(image.view(), params);
     const Detected again = detect(image.view(), params);

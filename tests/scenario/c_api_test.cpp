@@ -364,6 +364,42 @@ TEST(CApi, ConfigurationsArriveWhole) {
   EXPECT_EQ(c_usual.min_keyframe_interval_s, usual.min_keyframe_interval_s);
   EXPECT_EQ(c_usual.steady_damping, usual.steady_damping);
   EXPECT_EQ(c_usual.profile.instructions[PPTAM_WORK_PATCH_WARP], usual.profile.instructions[6]);
+
+  // And so has the tiny profile, for a camera that lies and one that stands.
+  for (const bool lies : {false, true}) {
+    pptam_camera camera = c_usual.camera;
+    if (lies) std::swap(camera.width, camera.height);
+    CameraModel model;
+    model.width = camera.width;
+    model.height = camera.height;
+    const Config tiny = Config::tiny(model);
+    pptam_config c_tiny;
+    ASSERT_EQ(pptam_config_tiny(&camera, &c_tiny).code, PPTAM_OK);
+    EXPECT_EQ(c_tiny.search_level, tiny.search_level);
+    EXPECT_EQ(c_tiny.max_keyframes, tiny.max_keyframes);
+    EXPECT_EQ(c_tiny.cells_x, tiny.cells_x);
+    EXPECT_EQ(c_tiny.camera.width, camera.width);
+  }
+}
+
+TEST(CApi, MemoryIsToldByItsParts) {
+  const pptam_config config = c_config_for(desk_recording());
+  pptam_memory_parts parts;
+  ASSERT_EQ(pptam_required_parts(&config, &parts).code, PPTAM_OK);
+  EXPECT_EQ(parts.map + parts.tracking + parts.mapping + parts.rest, pptam_required_bytes(&config));
+  EXPECT_GT(parts.map, parts.tracking) << "most are keyframes' images";
+  pptam_config fewer = config;
+  --fewer.max_keyframes;
+  pptam_memory_parts smaller;
+  ASSERT_EQ(pptam_required_parts(&fewer, &smaller).code, PPTAM_OK);
+  EXPECT_LT(smaller.map, parts.map);
+  EXPECT_EQ(smaller.tracking, parts.tracking);
+
+  fewer.max_keyframes = 0;
+  EXPECT_EQ(pptam_required_parts(&fewer, &parts).code, PPTAM_INVALID_ARGUMENT);
+  EXPECT_GT(parts.map, smaller.map) << "nothing has changed";
+  EXPECT_EQ(pptam_required_parts(&config, nullptr).code, PPTAM_INVALID_ARGUMENT);
+  EXPECT_EQ(pptam_required_parts(nullptr, &parts).code, PPTAM_INVALID_ARGUMENT);
 }
 
 }  // namespace

@@ -197,6 +197,8 @@ FIELDS(pptam_phone_profile, a, b, c)                                  //
 FIELDS(Config, corner_source, initialiser, point_source, culling,     // C: the phone's parts
        a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p, q, r, s, t, u, v, w)  //
 FIELDS(pptam_config, a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p, q, r, s, t, u, v, w)
+FIELDS(MemoryParts, a, b, c, d)
+FIELDS(pptam_memory_parts, a, b, c, d)
 FIELDS(Frame, a, b, c, d, e, f)
 FIELDS(pptam_frame, a, b, c, d, e, f)
 FIELDS(TrackResult, status,  // C: what pptam_track() returns

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <functional>
 #include <tuple>
+#include <utility>
 
 #include "platform/run/evaluation.h"
 #include "platform/run/run.h"
@@ -277,6 +278,52 @@ TEST(System, ThePhoneFitsInTwelveMegabytes) {
   EXPECT_GT(bytes, 35u * 240 * 320) << "the keyframes' images alone take that";
   EXPECT_LE(bytes, 12u << 20);
   RecordProperty("bytes", std::to_string(bytes));
+}
+
+TEST(System, TheTinyProfileFitsInOneAndAHalfMegabytes) {
+  for (const auto& [width, height] : {std::pair(192, 144), {144, 192}, {176, 144}, {160, 120}, {120, 160}}) {
+    CameraModel camera = test::phone_camera();
+    camera.width = width;
+    camera.height = height;
+    camera.cx = 0.5f * static_cast<float>(width - 1);
+    camera.cy = 0.5f * static_cast<float>(height - 1);
+    const size_t bytes = System::required_bytes(Config::tiny(camera));
+    EXPECT_GT(bytes, size_t{10} * width * height) << "the keyframes' images alone take that";
+    EXPECT_LE(bytes, 3u << 19) << width << "x" << height;
+  }
+}
+
+// Seen by such a camera the emulated desk starts, is mapped, and is tracked to its end at the right place.
+TEST(System, TheTinyProfileTracksADesk) {
+  sim::PhoneOptions options;
+  options.duration_s = 8;
+  options.width = 120;
+  options.height = 160;
+  const test::Recording desk = test::record(options);
+  Config config = Config::tiny(desk.info.model);
+  config.camera.shutter = desk.info.shutter;
+  config.exposure_s = desk.info.exposure_s;
+  test::Phone phone(config);
+  phone->tap();
+  int poses = 0, since_first = 0;
+  for (int i = 0; i < desk.size(); ++i) {
+    const TrackResult result = phone->track(desk.frame(i));
+    poses += result.pose_valid;
+    since_first += poses > 0;
+    for (int slice = 0; slice < 60 && phone->has_work(); ++slice) phone->work_slice();
+  }
+  EXPECT_GT(poses, 60);
+  EXPECT_GE(poses, since_first * 95 / 100);
+
+  // Control: with the phone profile, whose patches are searched in an image of 60x80, there are too few corners.
+  test::Phone other(test::config_for(desk));
+  other->tap();
+  int others = 0;
+  for (int i = 0; i < desk.size(); ++i) {
+    others += other->track(desk.frame(i)).pose_valid;
+    for (int slice = 0; slice < 60 && other->has_work(); ++slice) other->work_slice();
+  }
+  EXPECT_LT(others, poses);
 }
 
 }  // namespace

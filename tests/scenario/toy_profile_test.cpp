@@ -120,7 +120,7 @@ class RailInitialiser final : public Initialiser {
       options.level = kNewPointLevel;
       PredictedPoint predicted;
       ImagePoint found;
-      if (!predict_in_keyframe(map, config_.camera, 1, p_w, &predicted) ||
+      if (!predict_in_keyframe(map, config_, 1, p_w, &predicted) ||
           finder.find(source, p_w, predicted, map.keyframes()[1].pyramid, options, &found) != SearchOutcome::kFound)
         continue;
       const int point = map.add_point(p_w, source);
@@ -160,7 +160,7 @@ class EpipolarSource final : public PointSource {
     known_.clear();
     PredictedPoint predicted;
     for (const MapPoint& point : map_.points()) {
-      if (point.id != 0 && predict_in_keyframe(map_, config_.camera, keyframe, point.p_w, &predicted))
+      if (point.id != 0 && predict_in_keyframe(map_, config_, keyframe, point.p_w, &predicted))
         known_.push_back(predicted.px);
       co_await background_.spend(Work::kOther, kPredictionInstructions);
     }
@@ -192,7 +192,7 @@ class EpipolarSource final : public PointSource {
   // From coarse to fine: what each level finds is where the next one looks.
   bool search(const PatchSource& source, const Vector3f& p_w, int other, ImagePoint* found) const {
     PredictedPoint predicted;
-    if (!predict_in_keyframe(map_, config_.camera, other, p_w, &predicted)) return false;
+    if (!predict_in_keyframe(map_, config_, other, p_w, &predicted)) return false;
     SearchOptions options;
     for (options.level = kCoarseLevel; options.level >= kNewPointLevel; --options.level) {
       if (finder_.find(source, p_w, predicted, map_.keyframes()[other].pyramid, options, found) !=
