@@ -159,6 +159,18 @@ void add_run_options(CLI::App* command, RunOptions* run, OutputOptions* output) 
       ->capture_default_str()
       ->check(CLI::Range(0.01, 10000.0))
       ->type_name("FACTOR");
+  static const std::map<std::string, SystemProfile> kProfiles = {{"phone", SystemProfile::kPhone},
+                                                                 {"desktop", SystemProfile::kDesktop}};
+  command
+      ->add_option_function<std::string>(
+          "--profile",
+          [run](const std::string& name) {
+            const auto found = kProfiles.find(name);
+            if (found == kProfiles.end()) throw InputError("--profile " + name + ": choose phone or desktop");
+            run->profile = found->second;
+          },
+          "The system: phone (2009; 50 points a frame) or desktop (2007; 1000 points a frame, in four levels) [phone]")
+      ->type_name("NAME");
   command->add_flag_callback(
       "--no-drop", [run] { run->drop_late = false; }, "Track every frame, however late");
   add_tap_option(command, run);
@@ -172,8 +184,11 @@ void add_run_options(CLI::App* command, RunOptions* run, OutputOptions* output) 
       ->check(CLI::Range(0.001, 1000.0))
       ->type_name("LENGTH");
   add_ground_option(command, run);
-  command->add_option("--max-keyframes", run->max_keyframes, "Config::max_keyframes [35]")->type_name("N");
-  command->add_option("--max-erased-keyframes", run->max_erased_keyframes, "Config::max_erased_keyframes [35]")
+  command->add_option("--max-keyframes", run->max_keyframes, "Config::max_keyframes [35; 100 of the desktop]")
+      ->type_name("N");
+  command
+      ->add_option("--max-erased-keyframes", run->max_erased_keyframes,
+                   "Config::max_erased_keyframes [35; 4 of the desktop]")
       ->type_name("N");
   command->add_flag_callback(
       "--no-damping", [run] { run->steady_damping = false; }, "Show every pose as measured, also of a camera at rest");

@@ -55,7 +55,7 @@ int repeat_live(const ReplayChoice& chosen, const std::string& command_line) {
       input.options.every != 1 || input.options.fps != 0 || input.options.rotate_degrees != 0 ||
       !chosen.readout.empty() || !run.taps_s.empty() || run.auto_start || run.plane_distance != 0 ||
       run.max_keyframes || run.max_erased_keyframes || !run.steady_damping || !run.load_map.empty() || run.lock_map ||
-      chosen.phone) {
+      chosen.phone || run.profile != SystemProfile::kPhone) {
     throw InputError("recording " + input.source + " repeats what was done live, bit for bit: camera, taps, maps and " +
                      "phone are in it; with other ones add --images-only");
   }
