@@ -26,7 +26,7 @@ constexpr int kMinMapPoints = 100, kMaxMapPoints = 30000;
 constexpr int kMaxPartialPoints = 30000;
 constexpr int kMaxMeasurements = 1000000;
 constexpr int kMaxCellsAcross = 16;  // also of the choice of points (tracking/point_selection.cpp)
-constexpr int kMinMeasuredPoints = 16, kMaxMeasuredPoints = 250;
+constexpr int kMinMeasuredPoints = 16, kMaxMeasuredPoints = 2000;
 constexpr int kMaxPartialsPerStep = 1000;  // searched in a frame, or new in a keyframe
 constexpr int kMinPointsOfStart = 30, kMaxPointsOfStart = 250;
 constexpr float kMaxReadout_s = 1.0f, kMaxExposure_s = 1.0f;
@@ -115,7 +115,9 @@ Status Config::validate() const {
     return {StatusCode::kInvalidArgument,
             "Config::search_level and coarse_search_level must be within 0 to 4, the latter not the finer one"};
   if (max_measured_points < kMinMeasuredPoints || max_measured_points > kMaxMeasuredPoints)
-    return {StatusCode::kInvalidArgument, "Config::max_measured_points must be within 16 to 250"};
+    return {StatusCode::kInvalidArgument, "Config::max_measured_points must be within 16 to 2000"};
+  if (max_coarse_points < 0 || max_coarse_points > max_measured_points)
+    return {StatusCode::kInvalidArgument, "Config::max_coarse_points must be within 0 to max_measured_points"};
   if (max_partial_searches < 0 || max_partial_searches > kMaxPartialsPerStep || max_new_partial_points < 0 ||
       max_new_partial_points > kMaxPartialsPerStep)
     return {StatusCode::kInvalidArgument, "Config: the partial points' limits must be within 0 to 1000"};

@@ -7,6 +7,7 @@
 
 #include "platform/input_error.h"
 #include "platform/text.h"
+#include "sim_phone/desktop_stories.h"
 #include "sim_phone/model_stories.h"
 #include "sim_phone/motion.h"
 #include "sim_phone/random.h"
@@ -119,6 +120,7 @@ class PhoneCamera : public platform::Camera {
 
 Scene make_scene(const PhoneOptions& options) {
   if (is_model_story(options.story)) return make_model_scene(options.story, options.seed);
+  if (is_desktop_story(options.story)) return make_desktop_scene(options.story, options.seed);
   return make_scene(options.scene, options.scene_seed.value_or(options.seed), options.harsh);
 }
 
@@ -130,6 +132,7 @@ void check_phone_options(const PhoneOptions& o) {
   if (!o.story.empty()) {
     std::vector<std::string> names;
     for (const StoryKind& kind : stories()) names.push_back(kind.name);
+    for (const DesktopStory& kind : desktop_stories()) names.push_back(kind.name);
     for (const ModelStory& kind : model_stories()) names.push_back(kind.name);
     require(known(o.story, names), "story '" + o.story + "' is unknown; choose one of " + joined(names));
   }

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "sim_phone/bystanders.h"
+#include "sim_phone/desktop_stories.h"
 #include "sim_phone/hand.h"
 #include "sim_phone/harsh_stories.h"
 #include "sim_phone/lamp_and_focus.h"
@@ -580,9 +581,10 @@ Story make_story(const std::string& name, const Scene& scene, uint64_t seed, con
 
 Story story_of(const PhoneOptions& options, const Scene& scene) {
   const Harshness& harsh = options.harsh;
-  Story story = options.story.empty()           ? story_of_motion(options, scene)
-                : is_model_story(options.story) ? make_model_story(options.story, options.seed)
-                                                : make_story(options.story, scene, options.seed, harsh);
+  Story story = options.story.empty()             ? story_of_motion(options, scene)
+                : is_model_story(options.story)   ? make_model_story(options.story, options.seed)
+                : is_desktop_story(options.story) ? make_desktop_story(options.story, scene.stage, options.seed)
+                                                  : make_story(options.story, scene, options.seed, harsh);
   for (auto& mover : make_bystanders(scene.stage, harsh.people, options.seed)) story.movers.push_back(std::move(mover));
   if (const std::function<double(double)> lamp = lamp_light(harsh, options.seed)) {
     story.light =
@@ -593,6 +595,7 @@ Story story_of(const PhoneOptions& options, const Scene& scene) {
 
 PhoneOptions phone_for_story(const std::string& name, uint64_t seed) {
   if (is_model_story(name)) return phone_for_model_story(name, seed);
+  if (is_desktop_story(name)) return phone_for_desktop_story(name, seed);
   PhoneOptions options;
   options.story = name;
   options.seed = seed;

@@ -1,5 +1,5 @@
 // Interface of corner detectors: points of an image that can be found again in another. Config chooses the detector
-// (Shi-Tomasi: corners.h).
+// (Shi-Tomasi: corners.h; FAST: fast.h).
 //
 // Corners come one at a time, so that a caller takes only as many as it needs, and in short pieces of work between
 // which it may pause:
@@ -16,14 +16,20 @@
 #include <cstdint>
 #include <span>
 
+#include <pocket_ptam/se3.h>
 #include "image/pyramid.h"
 
 namespace pptam {
 
 struct Corner {
-  int16_t x = 0;  // level-0 pixels
+  int16_t x = 0;  // pixels of `level`
   int16_t y = 0;
-  float score = 0;  // larger is better; the unit is the detector's own
+  float score = 0;    // larger is better; the unit is the detector's own
+  uint8_t level = 0;  // in which it was found
+
+  Vector2f px() const {  // level-0 pixels
+    return {to_level0(static_cast<float>(x), level), to_level0(static_cast<float>(y), level)};
+  }
 };
 
 enum class CornerProgress : uint8_t {

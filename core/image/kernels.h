@@ -97,6 +97,37 @@ struct StructureTensor {
   }
 };
 
+// The circle of FAST [ptam 5.1]: 16 pixels 3 pixels away, in order round the centre.
+constexpr int kFastRadius = 3;
+struct FastCircle {
+  int offset[16];  // in an image of this stride, bytes
+  explicit constexpr FastCircle(int stride) : offset() {
+    constexpr int kX[16] = {0, 1, 2, 3, 3, 3, 2, 1, 0, -1, -2, -3, -3, -3, -2, -1};
+    constexpr int kY[16] = {-3, -3, -2, -1, 0, 1, 2, 3, 3, 3, 2, 1, 0, -1, -2, -3};
+    for (int i = 0; i < 16; ++i) offset[i] = kY[i] * stride + kX[i];
+  }
+};
+
+// Whether a circle of 16 bits has ten neighbouring ones.
+inline bool ten_in_a_row(uint32_t bits) {
+  const uint32_t twice = bits | bits << 16;
+  const uint32_t two = twice & twice >> 1, four = two & two >> 2, eight = four & four >> 4;
+  return (eight & two >> 8 & 0xffff) != 0;
+}
+
+// Whether ten neighbouring pixels of the circle are all brighter, or all darker, than the centre by more than the
+// threshold, grey levels.
+inline bool is_fast_corner(const uint8_t* centre, const FastCircle& circle, int threshold) {
+  const int high = *centre + threshold, low = *centre - threshold;
+  uint32_t brighter = 0, darker = 0;
+  for (int i = 0; i < 16; ++i) {
+    const int value = centre[circle.offset[i]];
+    brighter |= static_cast<uint32_t>(value > high) << i;
+    darker |= static_cast<uint32_t>(value < low) << i;
+  }
+  return ten_in_a_row(brighter) || ten_in_a_row(darker);
+}
+
 // Luma weights 0.299, 0.587 and 0.114 of ITU-R BT.601, in 1/256; their sum is 256, so that grey stays grey.
 constexpr uint32_t kRedWeight = 77, kGreenWeight = 150, kBlueWeight = 29;
 
@@ -110,6 +141,16 @@ inline void bgra_row(const uint8_t* src, uint8_t* out, int count) {
     const auto red = static_cast<uint16_t>(src[4 * x + 2] * kRedWeight);
     out[x] = static_cast<uint8_t>(static_cast<uint16_t>(blue + green + red + 128) >> 8);
   }
+}
+
+// Columns of the FAST-10 corners in first..last of a row, ascending, into out; returns their number. The row and the
+// columns are at least kFastRadius inside the image, the threshold is 0 to 254 grey levels.
+inline int fast_row(const uint8_t* row, int stride, int first, int last, int threshold, int16_t* out) {
+  const FastCircle circle(stride);
+  int count = 0;
+  for (int x = first; x <= last; ++x)
+    if (is_fast_corner(row + x, circle, threshold)) out[count++] = static_cast<int16_t>(x);
+  return count;
 }
 
 // out(x) = (a + b + c + d + 2) >> 2 over the 2x2 pixels at 2x of two rows: their mean, halves rounded up.
@@ -315,6 +356,7 @@ namespace kernel {  // compilers vectorise the other plain loops well
 using neon::refine_sums;
 using neon::warp;
 using plain::bgra_row;
+using plain::fast_row;
 using plain::half_row;
 using plain::pack_template;
 using plain::prepare_refinement;

@@ -54,6 +54,8 @@ inline int32_t add_lower_product(uint32_t a, uint32_t b, int32_t sum) {  // sum 
 inline int32_t add_upper_product(uint32_t a, uint32_t b, int32_t sum) {  // sum + a1 b1
   return __smlatt(static_cast<int32_t>(a), static_cast<int32_t>(b), sum);
 }
+using plain::fast_row;
+
 constexpr uint32_t kOnes = 0x00010001u;  // the pair (1, 1)
 
 // Gives 256 Y + 128 in the upper half of the word (256 x 255 + 128 < 2^16, so nothing is lost at the top). Red and blue

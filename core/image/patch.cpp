@@ -131,6 +131,15 @@ bool search_patch(const GreyView& image, const PatchTemplate& patch, const Eigen
   return found;
 }
 
+PatchComparison::PatchComparison(const PatchTemplate& patch) {
+  kernel::pack_template(patch.px, &packed_);
+}
+
+int32_t PatchComparison::zmssd(const GreyView& image, int x, int y, int32_t limit) const {
+  if (x < 0 || y < 0 || x > image.width - kPatchSize || y > image.height - kPatchSize) return limit;
+  return kernel::zmssd_x64(image.row(y) + x, image.stride, packed_, limit * kPixels) / kPixels;
+}
+
 void match_light(const GreyView& image, const Eigen::Vector2f& at, LampLines lines, PatchTemplate* patch) {
   const auto x0 = static_cast<int32_t>(at.x() - kPatchCentre), y0 = static_cast<int32_t>(at.y() - kPatchCentre);
   PPTAM_ASSERT(x0 >= 0 && y0 >= 0 && x0 + kPatchSize < image.width && y0 + kPatchSize < image.height);

@@ -53,6 +53,18 @@ struct PatchHit {
 bool search_patch(const GreyView& image, const PatchTemplate& patch, const Eigen::Vector2f& predicted, float radius,
                   int32_t max_zmssd, PatchHit* hit);
 
+// Compares a template at positions of the caller's choice.
+class PatchComparison {
+ public:
+  explicit PatchComparison(const PatchTemplate& patch);
+  // Zero-mean sum of squared differences of the 8x8 whose top-left pixel is (x, y), grey^2; `limit` or more where it is
+  // not below `limit`, or not inside the image. limit: 0 to 64 * 255^2.
+  int32_t zmssd(const GreyView& image, int x, int y, int32_t limit) const;
+
+ private:
+  PackedTemplate packed_;
+};
+
 // Under lamp bands the brightness of a patch changes across the shutter's lines. Multiplies the template by the gain,
 // linear across the lines, with which the means of its lines fit those of the image's 8x8 at `at` (image pixels, inside
 // the image).

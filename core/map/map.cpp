@@ -282,6 +282,7 @@ void Map::forget_keyframe(int index) {
     if (-point.source.normal.dot(p_k) < kMinSourceCosSlant * p_k.norm()) point.source.normal = -p_k.normalized();
     point.source.keyframe = best->keyframe;
     point.source.px = best->at.px;
+    point.source.level = std::min<uint8_t>(best->at.level, kPointLevels - 1);
   }
   for (PartialPoint& partial : partial_points_)
     if (partial.id != 0 && partial.source.keyframe == index) partial = PartialPoint();

@@ -31,8 +31,16 @@ namespace pptam {
 // more on the stack, the one that culling judges: larger values need a deeper stack. The paper keeps 8 [phone 3.2].
 constexpr int kMaxMeasurementsPerPoint = 32;
 
+// Levels that points may have of their own [ptam 4].
+constexpr int kPointLevels = 4;
+
 struct PatchSource {
-  int16_t keyframe = -1;                 // live or erased
+  PatchSource() = default;
+  PatchSource(int16_t of_keyframe, const Vector2f& at_px, const Vector3f& normal_k, uint8_t of_level = 1)
+      : keyframe(of_keyframe), level(of_level), px(at_px), normal(normal_k) {}
+
+  int16_t keyframe = -1;  // live or erased
+  uint8_t level = 1;      // whose 8x8 pixels show the patch, where points have levels of their own (Config::own_levels)
   Vector2f px = Vector2f::Zero();        // level-0 pixels in that keyframe
   Vector3f normal = -Vector3f::UnitZ();  // of the patch's plane, in the keyframe's frame, unit, towards the camera
 };

@@ -18,6 +18,7 @@ namespace {
 constexpr char kMagic[] = "PPTAMMAP";
 constexpr size_t kMagicBytes = 8;
 constexpr uint32_t kVersion = 3;
+constexpr uint32_t kUsualLevel = 1;  // of a patch: 0 in the file, as before patches had levels
 constexpr size_t kHeaderBytes = 92;
 constexpr uint32_t kMaxNumber = 1u << 30;  // of a map: many more can follow in an int32_t
 constexpr size_t kCountsBytes = 40;        // of each map, behind the header
@@ -384,7 +385,8 @@ Status check_fit(const Header& header, const Config& config) {
 }
 
 void write_source(const PatchSource& source, Writer* out) {
-  out->u32(static_cast<uint32_t>(source.keyframe));
+  out->u16(static_cast<uint16_t>(source.keyframe));
+  out->u16(static_cast<uint16_t>(source.level ^ kUsualLevel));
   out->vector(source.px);
   out->vector(source.normal);
 }
@@ -594,9 +596,11 @@ class Body {
   }
 
   Status read_source(PatchSource* source) {
-    const uint32_t keyframe = in_.u32();
+    const uint32_t keyframe = in_.u16(), level = in_.u16() ^ kUsualLevel;
     if (!has_keyframe(keyframe)) return refused("a point of the map comes from a keyframe that is not there");
+    if (level >= kPointLevels) return refused("a point of the map comes from a pyramid level that there is not");
     source->keyframe = static_cast<int16_t>(keyframe);
+    source->level = static_cast<uint8_t>(std::max(0, static_cast<int>(level) - scale_.levels));
     const bool inside = read_px(&source->px);
     in_.vector(&source->normal);
     if (!inside) return refused("a point of the map comes from outside its keyframe's image");

@@ -36,7 +36,8 @@ namespace pptam {
 //     if erased: u32 anchor's slot  f32[9] rotation of T_anchor by rows, f32[3] its translation
 //     u8[width * height] image by rows
 //   map points, by ascending slot, each 52 bytes and the measurements
-//     u32 slot, id  f32[3] p_w  source: u32 keyframe's slot, f32[2] px, f32[3] normal  u16 attempts, found
+//     u32 slot, id  f32[3] p_w  source: u16 keyframe's slot, u16 patch's level (L1 is 0, L0 is 1, L2 is 3,
+//                       L3 is 2), f32[2] px, f32[3] normal  u16 attempts, found
 //     u32 number of measurements, at least 2, each: u32 keyframe's slot, f32[2] px, u32 level, f32 weight
 //   partial points, by ascending slot, each 44 bytes
 //     u32 slot, id  source as of a map point  f32 inverse_depth, information  u16 attempts, found

@@ -68,6 +68,13 @@ bool patch_affinity(const Camera& camera, const Vector3f& p_s, const Vector3f& n
   return A_t_s->allFinite();
 }
 
+int own_level(const Matrix2f& A_t_s, int source_level) {
+  float area = A_t_s.determinant() * static_cast<float>(1 << (2 * source_level));  // level-0 pixels
+  int level = 0;
+  for (; area > kCoarserArea && level < kPointLevels - 1; ++level) area *= kAreaPerLevel;
+  return level;
+}
+
 int streak_parts(const Vector2f& streak_px, int level) {
   const float length = streak_px.norm() / static_cast<float>(1 << level);
   if (!(length >= kMinStreak_px)) return 1;  // NaN too
@@ -177,7 +184,7 @@ Vector2f PatchFinder::streak(const Keyframe& source, const Vector3f& p_s, const 
 
 bool KeptTemplate::shows(const Keyframe& source, const Vector2f& px, const Matrix2f& A_t_s, int level,
                          const Vector2f& streak) const {
-  if (keyframe_id != source.id || source_px != px) return false;
+  if (keyframe_id != source.id || source_px != px || searched_level != level) return false;
   // A pixel of the template at u (from its reference point) shows what is seen at A_t_s A_s_t u now. The distance is
   // largest in a corner.
   const Matrix2f E = A_t_s * A_s_t - Matrix2f::Identity();
@@ -196,27 +203,30 @@ SearchOutcome PatchFinder::find(const PatchSource& source, const Vector3f& p_w, 
   meter_.charge(Work::kOther, kAffinityInstructions);
   if (!patch_affinity(camera_, p_s, source.normal, predicted.T_cw * keyframe.T_kw.inverse(), &A_t_s))
     return SearchOutcome::kNotVisible;
+  SearchOptions used = options;
+  if (options.level == kOwnLevel) used.level = own_level(A_t_s, source.level);
   Vector2f streak_px = Vector2f::Zero();
   if (exposure_s_ > 0) {
     streak_px = streak(keyframe, p_s, A_t_s, p_w, predicted);
     meter_.charge(Work::kOther, kStreakInstructions);
   }
-  const int parts = streak_parts(streak_px, options.level);
+  const int parts = streak_parts(streak_px, used.level);
   if (parts == 1) streak_px.setZero();  // the template is not blurred
-  if (kept && kept->shows(keyframe, source.px, A_t_s, options.level, streak_px))
-    return find_template(target, kept->patch, predicted.px, options, meter_, found);
+  if (kept && kept->shows(keyframe, source.px, A_t_s, used.level, streak_px))
+    return find_template(target, kept->patch, predicted.px, used, meter_, found);
   PatchTemplate patch;
   meter_.charge(Work::kPatchWarp, parts);
-  if (!warp_template(keyframe.pyramid, source.px, A_t_s, options.level, &patch, streak_px))
+  if (!warp_template(keyframe.pyramid, source.px, A_t_s, used.level, &patch, streak_px))
     return SearchOutcome::kNotVisible;
   if (kept) {
     kept->keyframe_id = keyframe.id;
     kept->source_px = source.px;
     kept->A_s_t = A_t_s.inverse();
     kept->streak_px = streak_px;
+    kept->searched_level = used.level;
     kept->patch = patch;
   }
-  return find_template(target, patch, predicted.px, options, meter_, found);
+  return find_template(target, patch, predicted.px, used, meter_, found);
 }
 
 }  // namespace pptam

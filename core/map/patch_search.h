@@ -14,9 +14,16 @@ inline float search_border_px(const Config& config) {
   return 12.0f * config.px_scale();
 }
 
+// SearchOptions::level: the one of kPointLevels that shows the patch as large as its source's level does [ptam 5.3].
+constexpr int kOwnLevel = -1;
+// Level in which map points are searched in a sharp image.
+inline int level_of_points(const Config& config) {
+  return config.own_levels ? kOwnLevel : config.search_level;
+}
+
 // Where the search happens.
 struct SearchOptions {
-  int level = 1;        // pyramid level searched: 1, or 2 for blurred frames [phone 4]
+  int level = 1;        // pyramid level searched: 1, or 2 for blurred frames [phone 4]; or kOwnLevel
   float radius_px = 4;  // in that level's pixels [phone 4]
   // Largest zero-mean SSD, as a fraction of the template's own zero-mean energy: 1 - NCC^2 for equal contrast. Lower
   // loses points to blur and slant, higher takes accidental matches. Not swept.
@@ -34,6 +41,9 @@ enum class SearchOutcome : uint8_t {
 // frame) on the plane with normal n_s; T_ts takes source to target. False when p_s does not project in both, or the
 // target sees the plane at over 75 degrees from its normal.
 bool patch_affinity(const Camera& camera, const Vector3f& p_s, const Vector3f& n_s, const SE3& T_ts, Matrix2f* A_t_s);
+
+// The level of the target in which a pixel of the source's level covers about one pixel [ptam 5.3].
+int own_level(const Matrix2f& A_t_s, int source_level);
 
 // Warps the patch at source_px of the source pyramid by A (target level 0 from source level 0) for a search in
 // `level`, from the source level whose scale fits best. False when |det| falls outside [1/4, 4] at every level, the
@@ -65,6 +75,7 @@ struct KeptTemplate {
   Matrix2f A_s_t = Matrix2f::Zero();  // inverse of its affine map
   Vector2f streak_px = Vector2f::Zero();
   uint32_t asked_for = 0;  // KeptTemplates
+  int searched_level = 0;
   PatchTemplate patch;
 
   // Whether it shows the patch as A_t_s would, to an eighth of a pixel of `level` anywhere in the 8x8 (the streak,
@@ -80,7 +91,7 @@ class PatchFinder {
       : map_(map), camera_(config.camera), exposure_s_(config.exposure_s), meter_(meter) {}
 
   // Searches for the patch `source` of a map point or partial point at p_w around `predicted`. Sets *found only on
-  // kFound. kept: the point's template in earlier frames, all searched in one level; it is used while it shows the
+  // kFound. kept: the point's template in earlier frames; it is used while it shows the
   // patch as it is seen now, and replaced otherwise.
   SearchOutcome find(const PatchSource& source, const Vector3f& p_w, const PredictedPoint& predicted,
                      const Pyramid& target, const SearchOptions& options, ImagePoint* found,

@@ -288,7 +288,7 @@ bool BundleAdjuster::measure_again(const MapPoint& point, Measurement* measureme
   meter_.charge(Work::kOther, kPredictionInstructions);
   if (!config_.camera.project_rolling(keyframe.T_kw, keyframe.velocity, point.p_w, &predicted)) return false;
   SearchOptions options;
-  options.level = config_.search_level;
+  options.level = level_of_points(config_);
   // A measurement's sigma is one pixel of the level searched, so the engine's sigma is in pixels of that level.
   options.radius_px = std::clamp(kTukeyCutoff * engine_.sigma(), kMinSecondSearch_px, kMaxSecondSearch_px);
   options.max_relative_zmssd = kSecondSearchZmssd;

@@ -208,7 +208,7 @@ Task<> Mapper::make_room() {
 // Searches the points that should be visible in a new keyframe and that the tracker has not measured in it.
 Task<> Mapper::measure_remaining_points(int keyframe) {
   SearchOptions options;
-  options.level = config_.search_level;
+  options.level = level_of_points(config_);
   options.radius_px = kRemainingRadius_px;
   options.max_relative_zmssd = kRemainingZmssd;
   for (int i = 0; i < map_.points().size(); ++i) {

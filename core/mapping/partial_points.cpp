@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "geometry/two_view.h"
+#include "mapping/point_triangulation.h"
 
 namespace pptam {
 
@@ -14,11 +14,6 @@ constexpr float kMinCornerDistance_px = 10.0f;
 // Reprojection error of a triangulated point, level-0 px: two sigma of level 1. More is off the epipolar line. Not
 // swept.
 constexpr float kMaxPromotionError_px = 4.0f;
-constexpr float kMinParallax_rad = 0.015f;  // between the two rays: 0.9 degrees; not swept
-// Sigma of a promoted point's depth relative to the depth. Larger values promote sooner, with worse depths: with 0.15
-// 45 % of the poses were wrong after an emulated plain table was crossed, in one run of 24; with this value none. A
-// partial point serves the pose meanwhile.
-constexpr float kMaxRelativeDepthSigma = 0.08f;
 // Noise of a measurement, level-0 px: sub-pixel noise and the error of the rolling shutter's correction. Not swept.
 constexpr float kMeasurementNoise_px = 0.8f;
 // Radius of the search, pixels of the level searched [phone 4]: where the depth is known, or where the line's length is
@@ -26,8 +21,6 @@ constexpr float kMeasurementNoise_px = 0.8f;
 // within bounds. The margin and bounds are not swept.
 constexpr float kSearchRadius_px = 4;
 constexpr float kMargin_px = 2.0f, kMinRadius_px = 3.0f, kMaxRadius_px = 8.0f;
-// ARMv6 instructions to triangulate a partial point, with its checks, as counted for the ARM1176.
-constexpr int64_t kTriangulationInstructions = 3500;
 constexpr int64_t kExposedPoseInstructions = 600;  // of one exposed_pose(): an estimate
 constexpr int64_t kSurfacePointInstructions = 60;  // of a point of the surface that a keyframe sees: an estimate
 // Points from which on a plane is fitted to those of a keyframe; a pull of its slopes towards an even depth, in units
@@ -121,23 +114,15 @@ bool PartialPoints::promote(int i, int keyframe) {
   map_.count_partial_search(i, outcome == SearchOutcome::kFound);
   if (outcome == SearchOutcome::kNotFound) return true;
   meter_.charge(Work::kOther, kTriangulationInstructions);
-  const Vector2f px_source = camera.global_shutter_px(source.velocity, source.T_kw * p_w, partial.source.px);
-  const Vector2f px_target = camera.global_shutter_px(target.velocity, target.T_kw * p_w, found.px);
-  const SE3 T_ws = source.T_kw.inverse(), T_ts = target.T_kw * T_ws;
-  Triangulated triangulated;
-  if (!triangulate(T_ts, camera.unproject(px_source), camera.unproject(px_target), kMinParallax_rad, &triangulated))
-    return true;
-  const float relative_sigma = triangulated.sigma_inverse_depth * triangulated.p_1.z() * kMeasurementNoise_px *
-                               config_.px_scale() / camera.model.fx;
-  if (!(relative_sigma < kMaxRelativeDepthSigma)) return true;
-  const float max_error_px = kMaxPromotionError_px * config_.px_scale();
-  Vector2f check_source, check_target;
-  if (!camera.project(triangulated.p_1, &check_source) || !camera.project(T_ts * triangulated.p_1, &check_target) ||
-      (check_source - px_source).norm() > max_error_px || (check_target - px_target).norm() > max_error_px) {
-    map_.count_partial_search(i, false);  // off the epipolar line: a wrong match
-    return true;
-  }
-  p_w = T_ws * triangulated.p_1;
+  const PointMeasurements measured{partial.source.keyframe,
+                                   keyframe,
+                                   partial.source.px,
+                                   found.px,
+                                   kMeasurementNoise_px * config_.px_scale(),
+                                   kMaxPromotionError_px * config_.px_scale()};
+  const PointDepth depth = triangulate_point(map_, camera, measured, &p_w);
+  if (depth == PointDepth::kOffTheLine) map_.count_partial_search(i, false);  // a wrong match
+  if (depth != PointDepth::kKnown) return true;
   Measurement first{{partial.source.px, static_cast<uint8_t>(config_.search_level)}, partial.source.keyframe};
   if (!source.live()) {
     first.keyframe = static_cast<int16_t>(map_.nearest_live(partial.source.keyframe, keyframe));
@@ -218,7 +203,7 @@ Task<> PartialPoints::add_corners(int keyframe) {
     co_await background_.slice();
     if (progress == CornerProgress::kEnd) break;
     if (progress != CornerProgress::kFound) continue;
-    const Vector2f px(static_cast<float>(corner.x), static_cast<float>(corner.y));
+    const Vector2f px = corner.px();
     bool free = true;
     for (const Vector2f& other : occupied_) free = free && (other - px).squaredNorm() > distance_px * distance_px;
     meter_.charge(Work::kOther, kCornerDistanceInstructions * occupied_.size());

@@ -24,8 +24,10 @@ using CreatePointSource = PointSource*(Arena&, const Config&, Map&, WorkMeter&, 
 using CreateKeyframeCulling = KeyframeCulling*(Arena&, const Config&, Map&, WorkMeter&, Background&);
 
 CreateCornerSource create_shi_tomasi_corners;     // multi-scale [phone 3.1]
+CreateCornerSource create_fast_corners;           // FAST-10 in four levels [ptam 5.1, 6.2]
 CreateInitialiser create_homography_initialiser;  // two-stage, from one tap [phone 5.1]
 CreatePointSource create_partial_points;          // inverse depth, frame by frame [phone 5.2]
+CreatePointSource create_epipolar_points;         // epipolar search between two keyframes [ptam 6.2]
 CreateKeyframeCulling create_keyframe_votes;      // keyframes are ranked by their points' votes [phone 3.3]
 
 // All settings, passed once to System::create. Capacities (max_...) are counts that bound memory and time. A capacity
@@ -68,6 +70,11 @@ struct Config {
   int cells_x = 6, cells_y = 8;
   // Pyramid levels searched, 0 to 4: of a sharp frame, and of a blurred one or in a wide search [phone 4].
   int search_level = 1, coarse_search_level = 2;
+  // Every map point has a level of its own, in which it is searched in place of search_level [ptam 4, 5.3].
+  bool own_levels = false;
+  // With own_levels: of the points searched in a frame so many, of coarse levels, are searched before the others in a
+  // wider circle [ptam 5.5: 50]. 0: no such stage.
+  int max_coarse_points = 0;
 
   float initial_baseline = 0.1f;  // length of the sideways start, world units [ptam 6.1: 10 cm]
   // Distance from the camera centre of the first view to the plane z = 0, world units, when the user knows it. Sets
@@ -94,6 +101,9 @@ struct Config {
   // Lengths in the image, such as distances of corners and noise, are told for patches of level 1, the phone's
   // search_level: their factor for this one.
   float px_scale() const { return 0.5f * static_cast<float>(1 << search_level); }
+  // The 2007 desktop system's: thousands of points in four levels, up to 1000 searched in a frame. Made for 640x480 at
+  // 30 frames/s; a computer of 3 GHz is modelled. README.md says what of that system is missing.
+  static Config desktop(const CameraModel& model);
   Status validate() const;
 };
 

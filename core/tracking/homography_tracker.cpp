@@ -64,7 +64,7 @@ bool HomographyTracker::start(const Pyramid& first_view, const Vector3f& rotatio
   reset();
   for (int i = 0; i < count; ++i) {
     TrackedPoint point;
-    point.px_1 = {static_cast<float>(corners_[i].x), static_cast<float>(corners_[i].y)};
+    point.px_1 = corners_[i].px();
     point.x_1 = corrected(point.px_1, hat(rotation_rate));
     Vector2f px;
     Matrix23f J;

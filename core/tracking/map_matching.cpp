@@ -29,6 +29,13 @@ constexpr float kStayingAhead_s = 0.5f;
 // search. The wide radius is not swept.
 constexpr float kRadius_px = 4.0f, kWideRadius_px = 7.0f;
 
+// With levels of their own: radius of the coarse stage, of a usual frame and of a wide search, and of the fine stage,
+// pixels of each point's level. Not swept.
+constexpr float kCoarseRadius_px = 6.0f, kWideCoarseRadius_px = 12.0f, kFineRadius_px = 4.0f;
+// Image motion since the last frame, level-0 px, under which the camera is nearly stationary and the coarse stage is
+// left out: two stages make the pose jitter [ptam 6.5]. The fine stage bridges four times as much. Not swept.
+constexpr float kNearlyStill_px = 1.0f;
+
 // Templates kept for each point that may be searched in a frame: points come and go. Not swept.
 constexpr int kKeptPerSearched = 2;
 
@@ -89,6 +96,7 @@ MapMatching::MapMatching(Arena& arena, const Config& config, Map& map, WorkMeter
 
 MapMatch MapMatching::match(const Pyramid& pyramid, const MotionModel& motion, Search search, const SE3& T_first) {
   stages_.enter(Stage::kSearch);
+  if (config_.own_levels) return match_coarse_to_fine(pyramid, motion, search, T_first);
   SE3 T_start = T_first;
   VelocityPrior prior = motion.prior(T_start);
   SearchOptions options;
@@ -108,6 +116,30 @@ MapMatch MapMatching::match(const Pyramid& pyramid, const MotionModel& motion, S
   options.level = search == Search::kBlurred ? config_.coarse_search_level : config_.search_level;
   options.radius_px = kRadius_px;
   return search_and_update(pyramid, T_start, prior, options);
+}
+
+// Points in their own levels: a few coarse ones in a wide circle, which tolerate a bad prediction and blur, then all
+// the others near where the pose of these predicts them [ptam 5.5].
+MapMatch MapMatching::match_coarse_to_fine(const Pyramid& pyramid, const MotionModel& motion, Search search,
+                                           const SE3& T_first) {
+  kept_.begin_search();
+  SE3 T_start = T_first;
+  SearchOptions options;
+  options.level = kOwnLevel;
+  const float moved_px = motion.image_speed() * motion.dt_s() * config_.camera.model.fx;
+  if (search == Search::kNormal && moved_px < kNearlyStill_px) {
+    selected_ = selection_.select(map_, T_start);
+  } else {
+    selected_ = selection_.select_coarse(map_, T_start, config_.max_coarse_points);
+    options.radius_px = search == Search::kWide ? kWideCoarseRadius_px : kCoarseRadius_px;
+    MapMatch coarse = search_and_update(pyramid, T_start, motion.prior(T_start), options);
+    if (search == Search::kBlurred) return coarse;
+    if (coarse.quality != TrackingQuality::kBad) T_start = coarse.pose.T_cw;
+    stages_.enter(Stage::kSearch);
+    selected_ = search == Search::kWide ? selection_.select(map_, T_start) : selection_.select_again(map_);
+  }
+  options.radius_px = kFineRadius_px;
+  return search_and_update(pyramid, T_start, motion.prior(T_start), options);
 }
 
 int MapMatching::support(const Pyramid& pyramid, const MotionModel& motion) {
@@ -163,8 +195,8 @@ void MapMatching::search(const Pyramid& pyramid, const SE3& T_start, const Veloc
                          const SearchOptions& options) {
   stages_.enter(Stage::kSearch);
   attempts_.clear();
-  const bool keeps = options.level == config_.search_level;
-  if (keeps) kept_.begin_search();
+  const bool keeps = options.level == level_of_points(config_);
+  if (keeps && options.level != kOwnLevel) kept_.begin_search();
   for (const int index : selected_) {
     const MapPoint& point = map_.points()[index];
     PredictedPoint predicted;
@@ -176,7 +208,8 @@ void MapMatching::search(const Pyramid& pyramid, const SE3& T_start, const Veloc
     Attempt attempt;
     attempt.point = index;
     attempt.predicted_px = predicted.px;
-    attempt.at = {predicted.px, static_cast<uint8_t>(options.level)};
+    const int level = options.level == kOwnLevel ? point.source.level : options.level;
+    attempt.at = {predicted.px, static_cast<uint8_t>(level)};
     KeptTemplate* const kept = keeps ? kept_.of(index, point.id) : nullptr;
     switch (finder_.find(point.source, point.p_w, predicted, pyramid, options, &attempt.at, kept)) {
       case SearchOutcome::kNotVisible:
@@ -204,8 +237,8 @@ int MapMatching::mark_occluded_points(const SE3& T_cw) {
     if (missed.outcome != Attempt::Outcome::kMissed) continue;
     const float nearer = kMaxOccluderDepthRatio * depth(missed);
     for (const Attempt& seen : attempts_) {
-      if (seen.outcome != Attempt::Outcome::kInlier || depth(seen) > nearer ||
-          (seen.at.px - missed.predicted_px).squaredNorm() > near_px * near_px)
+      if (seen.outcome != Attempt::Outcome::kInlier ||
+          (seen.at.px - missed.predicted_px).squaredNorm() > near_px * near_px || depth(seen) > nearer)
         continue;
       missed.outcome = Attempt::Outcome::kHidden;
       ++hidden;

@@ -83,6 +83,7 @@ class MapMatching {
 
  private:
   struct Rows;
+  MapMatch match_coarse_to_fine(const Pyramid& pyramid, const MotionModel& motion, Search search, const SE3& T_first);
   MapMatch search_and_update(const Pyramid& pyramid, const SE3& T_start, const VelocityPrior& prior,
                              const SearchOptions& options);
   void search(const Pyramid& pyramid, const SE3& T_start, const VelocityPrior& prior, const SearchOptions& options);
@@ -97,7 +98,7 @@ class MapMatching {
   std::span<const int> selected_;
   FixedVector<Attempt> attempts_;
   PatchFinder finder_;
-  KeptTemplates kept_;  // of config_.search_level
+  KeptTemplates kept_;  // of level_of_points()
   PoseUpdater pose_;
 };
 

@@ -22,6 +22,16 @@ constexpr int kCachedCentres = 96;
 constexpr float kPriorFound = 2.0f, kPriorAttempts = 3.0f;
 constexpr float kMeasurementBonus = 0.1f;
 constexpr int kMaxBonusMeasurements = 6;
+// With levels of their own: area of a pixel of the point's level in the present image, level-0 pixels, where a patch
+// faces both cameras. Beyond these no level shows it at a suitable scale [ptam 5.3: a factor of 4]; above twice a
+// level's area the next coarser one is nearer.
+constexpr float kMinPatchArea = 0.25f, kMaxPatchArea = 4.0f * (1 << (2 * (kPointLevels - 1)));
+
+int expected_level(float area) {
+  int level = 0;
+  for (; area > 2 && level < kPointLevels - 1; ++level) area *= 0.25f;
+  return level;
+}
 
 }  // namespace
 
@@ -49,11 +59,19 @@ void PointSelection::find_visible(const Map& map, const SE3& T_cw) {
     const Vector3f from_source = point.p_w - (k < cached ? source_centre[k] : map.keyframes()[k].T_kw.centre());
     const Vector3f from_here = point.p_w - centre;
     const float source_sq = from_source.squaredNorm(), here_sq = from_here.squaredNorm();
-    if (here_sq < kMinScale * kMinScale * source_sq || here_sq > kMaxScale * kMaxScale * source_sq) continue;
+    int level = 0;
+    if (config_.own_levels) {
+      const float area = source_sq / here_sq * static_cast<float>(1 << (2 * point.source.level));
+      if (!(area > kMinPatchArea && area < kMaxPatchArea)) continue;
+      level = expected_level(area);
+    } else if (here_sq < kMinScale * kMinScale * source_sq || here_sq > kMaxScale * kMaxScale * source_sq) {
+      continue;
+    }
     const float dot = from_source.dot(from_here);
     if (dot < 0 || dot * dot < kMinCosView * kMinCosView * source_sq * here_sq) continue;
     Candidate candidate;
     candidate.point = i;
+    candidate.level = static_cast<int8_t>(level);
     const int x = std::clamp(static_cast<int>(px.x()) * config_.cells_x / camera.model.width, 0, config_.cells_x - 1);
     const int y = std::clamp(static_cast<int>(px.y()) * config_.cells_y / camera.model.height, 0, config_.cells_y - 1);
     candidate.cell = static_cast<int16_t>(y * config_.cells_x + x);
@@ -67,11 +85,13 @@ void PointSelection::find_visible(const Map& map, const SE3& T_cw) {
   meter_.charge(Work::kPointProjected, projected);
 }
 
-std::span<const int> PointSelection::select(const Map& map, const SE3& T_cw) {
-  find_visible(map, T_cw);
+std::span<const int> PointSelection::choose(const Map& map, int count, int finest_level) {
   selected_.clear();
-  const auto better = [this, &map](int a, int b) {  // at equal scores the older point
+  const bool coarse = finest_level > 0;
+  for (Candidate& candidate : candidates_) candidate.taken = candidate.level < finest_level;
+  const auto better = [this, coarse, &map](int a, int b) {  // at equal scores the older point
     const Candidate &x = candidates_[a], &y = candidates_[b];
+    if (coarse && x.level != y.level) return x.level > y.level;
     if (x.score != y.score) return x.score > y.score;
     return map.points()[x.point].id < map.points()[y.point].id;
   };
@@ -89,7 +109,8 @@ std::span<const int> PointSelection::select(const Map& map, const SE3& T_cw) {
     if (end == best) return selected_;
     std::sort(best, end, better);
     for (const int* i = best; i != end; ++i) {
-      if (!selected_.push_back(candidates_[*i].point)) return selected_;
+      if (selected_.size() == count) return selected_;
+      selected_.push_back(candidates_[*i].point);
       candidates_[*i].taken = true;
     }
   }

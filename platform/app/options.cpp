@@ -141,18 +141,6 @@ void add_show_options(CLI::App* command, ShowOptions* show) {
 void add_run_options(CLI::App* command, RunOptions* run, OutputOptions* output) {
   static const std::map<std::string, ClockKind> kClocks = {
       {"work", ClockKind::kWork}, {"steady", ClockKind::kSteady}, {"throttled", ClockKind::kThrottled}};
-  static const std::map<std::string, SystemProfile> kProfiles = {{"phone", SystemProfile::kPhone},
-                                                                 {"tiny", SystemProfile::kTiny}};
-  command
-      ->add_option_function<std::string>(
-          "--profile",
-          [run](const std::string& name) {
-            const auto found = kProfiles.find(name);
-            if (found == kProfiles.end()) throw InputError("--profile " + name + ": choose phone or tiny");
-            run->profile = found->second;
-          },
-          "The system: phone (2009), or tiny for a microcontroller, images of 192x144 to 160x120 in 1.5 MB [phone]")
-      ->type_name("NAME");
   command
       ->add_option("--out", output->out,
                    "Folder for the results [out/NAME]; files there that an earlier run did not make stay")
@@ -171,6 +159,20 @@ void add_run_options(CLI::App* command, RunOptions* run, OutputOptions* output) 
       ->capture_default_str()
       ->check(CLI::Range(0.01, 10000.0))
       ->type_name("FACTOR");
+  static const std::map<std::string, SystemProfile> kProfiles = {
+      {"phone", SystemProfile::kPhone}, {"tiny", SystemProfile::kTiny}, {"desktop", SystemProfile::kDesktop}};
+  command
+      ->add_option_function<std::string>(
+          "--profile",
+          [run](const std::string& name) {
+            const auto found = kProfiles.find(name);
+            if (found == kProfiles.end()) throw InputError("--profile " + name + ": choose phone, tiny or desktop");
+            run->profile = found->second;
+          },
+          "The system: phone (2009; 50 points a frame), tiny (the same for a microcontroller, images of 192x144 to "
+          "160x120 "
+          "in 1.5 MB) or desktop (2007; 1000 points a frame, in four levels) [phone]")
+      ->type_name("NAME");
   command->add_flag_callback(
       "--no-drop", [run] { run->drop_late = false; }, "Track every frame, however late");
   add_tap_option(command, run);
@@ -184,9 +186,12 @@ void add_run_options(CLI::App* command, RunOptions* run, OutputOptions* output) 
       ->check(CLI::Range(0.001, 1000.0))
       ->type_name("LENGTH");
   add_ground_option(command, run);
-  command->add_option("--max-keyframes", run->max_keyframes, "Config::max_keyframes [35; 12 of tiny]")->type_name("N");
   command
-      ->add_option("--max-erased-keyframes", run->max_erased_keyframes, "Config::max_erased_keyframes [35; 4 of tiny]")
+      ->add_option("--max-keyframes", run->max_keyframes, "Config::max_keyframes [35; 12 of tiny, 100 of the desktop]")
+      ->type_name("N");
+  command
+      ->add_option("--max-erased-keyframes", run->max_erased_keyframes,
+                   "Config::max_erased_keyframes [35; 4 of tiny and of the desktop]")
       ->type_name("N");
   command->add_flag_callback(
       "--no-damping", [run] { run->steady_damping = false; }, "Show every pose as measured, also of a camera at rest");

@@ -13,8 +13,10 @@
 #include "platform/run/console.h"
 #include "platform/run/interruption.h"
 #include "platform/text.h"
+#include "sim_phone/desktop_stories.h"
 #include "sim_phone/laboratory/camera_study.h"
 #include "sim_phone/laboratory/culling_study.h"
+#include "sim_phone/laboratory/desktop_study.h"
 #include "sim_phone/laboratory/doubt_study.h"
 #include "sim_phone/laboratory/endurance.h"
 #include "sim_phone/laboratory/harsh_study.h"
@@ -76,7 +78,7 @@ CLI::Option* add_sequence_options(CLI::App* sim, SimChoice* chosen) {
   sim::PhoneOptions& phone = chosen->phone;
   CLI::Option* story = add_repeatable(sim, "--story", &chosen->stories,
                                       "One of the stories below; may be repeated with --suite, those of a "
-                                      "known object with --study model");
+                                      "known object with --study model, of the desktop system with --study desktop");
   add_repeatable(
       sim, "--scene", &chosen->scenes,
       one_of(sim::scene_names()) +
@@ -124,7 +126,7 @@ void add_laboratory_options(CLI::App* sim, CLI::Option* story, ChosenStudies* ch
              "object, tracked in other ways, too; camera: what pocket-ptam readout finds of phones drawn by chance; "
              "doubts: whether a run says that it was told of a wrong camera; reach: how far from the views in a map a "
              "lost "
-             "camera is found")
+             "camera is found; desktop: the stories of the desktop system, with --profile desktop")
           ->type_name("NAME")
           ->excludes(suite);
   add_repeatable(sim, "--kind", &chosen->kinds,
@@ -163,6 +165,8 @@ void add_laboratory_options(CLI::App* sim, CLI::Option* story, ChosenStudies* ch
 std::string footer() {
   std::string text = "Stories:\n";
   for (const sim::StoryKind& kind : sim::stories()) text += format("  %-16s %s\n", kind.name, kind.says);
+  text += "Stories of the desktop system, for --profile desktop:\n";
+  for (const sim::DesktopStory& story : sim::desktop_stories()) text += format("  %-16s %s\n", story.name, story.says);
   text += "Stories of a known object, for the tracker of pocket-ptam model:\n";
   for (const sim::ModelStory& story : sim::model_stories()) text += format("  %-16s %s\n", story.name, story.says);
   text += "Causes of --harsh:\n";
@@ -219,6 +223,7 @@ class SimCommand {
     if (chosen_.profile && (!studies_.study.empty() || studies_.endurance_minutes))
       throw InputError("--phone belongs to a single run, to --suite or to pocket-ptam budget");
     if (studies_.study == "model") return run_model_study();
+    if (studies_.study == "desktop") return run_desktop_study();
     if (studies_.suite) return run_suite();
     const bool many_scenes = studies_.study == "culling" || studies_.study == "harsh" ||
                              studies_.study == "stretches" || studies_.study == "camera" ||
@@ -242,7 +247,7 @@ class SimCommand {
     if (studies_.study == "init") return run_start_study();
     if (!studies_.study.empty())
       throw InputError("--study " + studies_.study +
-                       ": there are init, culling, harsh, stretches, model, camera and doubts");
+                       ": there are init, culling, harsh, stretches, model, camera, doubts, reach and desktop");
     if (studies_.many) throw InputError("--seeds and --jobs belong to --suite or --study");
     if (studies_.endurance_minutes) return run_endurance();
     return run_once();
@@ -300,10 +305,23 @@ class SimCommand {
     return laboratory::run_model_study(options) ? kExitOk : kExitBroken;
   }
 
+  int run_desktop_study() const {
+    laboratory::DesktopStudyOptions options;
+    options.stories = chosen_.stories;
+    options.seeds = studies_.seeds;
+    options.jobs = studies_.jobs;
+    options.adjust_story = [this](sim::PhoneOptions* phone) { adjust_story(phone); };
+    options.run = run_;
+    return laboratory::run_desktop_study(options) ? kExitOk : kExitBroken;
+  }
+
   int run_suite() const {
-    for (const std::string& story : chosen_.stories)
+    for (const std::string& story : chosen_.stories) {
       if (sim::is_model_story(story))
         throw InputError("--story " + story + ": is for the tracker of a known object, not for --suite");
+      if (sim::is_desktop_story(story))
+        throw InputError("--story " + story + ": is judged by --study desktop, not by --suite");
+    }
     laboratory::SuiteOptions options;
     options.stories = chosen_.stories;
     options.scenes = chosen_.scenes;

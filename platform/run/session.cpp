@@ -17,7 +17,9 @@ namespace {
 Config config_for(const CameraInfo& info, SystemProfile profile) {
   CameraModel model = info.model;
   model.prepare();
-  Config config = profile == SystemProfile::kTiny ? Config::tiny(model) : Config::phone(model);
+  Config config = profile == SystemProfile::kTiny      ? Config::tiny(model)
+                  : profile == SystemProfile::kDesktop ? Config::desktop(model)
+                                                       : Config::phone(model);
   config.camera.shutter = info.shutter;
   config.exposure_s = info.exposure_s;
   return config;
@@ -75,7 +77,7 @@ FrameLog log_of(const TrackResult& result) {
 
 Session make_session(const CameraInfo& camera, const RunOptions& options) {
   Config config = config_for(camera, options.profile);
-  config.profile = options.processor;
+  config.profile = options.processor.value_or(config.profile);
   config.auto_start = options.auto_start;
   config.initial_plane_distance = static_cast<float>(options.plane_distance);
   config.steady_damping = options.steady_damping;

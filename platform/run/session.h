@@ -19,13 +19,14 @@
 
 namespace pptam::platform {
 
-enum class SystemProfile { kPhone, kTiny };  // Config::phone, Config::tiny
+enum class SystemProfile { kPhone, kTiny, kDesktop };  // Config::phone, Config::tiny, Config::desktop
 
 struct RunOptions {
   SystemProfile profile = SystemProfile::kPhone;
   ClockKind clock = ClockKind::kWork;
-  // The work clock's phone: its processor, and what of its time each frame's capture and display take.
-  PhoneProfile processor;
+  // The work clock's phone: its processor (without one the profile's), and what of its time each frame's capture and
+  // display take.
+  std::optional<PhoneProfile> processor;
   int64_t capture_ns = 0, display_ns = 0;
   bool keep_trace = false;  // RunLog::trace
   double slowdown = 30;     // throttled clock: a desktop core against a 412 MHz ARM1176, roughly

@@ -12,7 +12,7 @@
 namespace pptam::test {
 
 constexpr const char* kKernelNames[] = {"bgra_row", "half_row",  "window_sums<2>", "window_sums<3>",
-                                        "warp",     "zmssd_x64", "refine_sums"};
+                                        "warp",     "zmssd_x64", "refine_sums",    "fast_row"};
 constexpr int kCheckBytes = 700;  // fewer are filled up with zeros
 
 inline const char* variant_name() {
@@ -133,6 +133,16 @@ inline const char* first_different_kernel(std::span<const uint8_t> input, const 
     const RefineSums plain = plain::refine_sums(sample, plain_template);
     RefineSums variant = kernel::refine_sums(sample, variant_template);
     if (differ("refine_sums", &plain, &variant, sizeof plain)) return "refine_sums";
+  }
+  {
+    const int count = number(0, 67), threshold = number(0, 254), stride = count + 2 * kFastRadius + number(0, 3);
+    const std::vector<uint8_t> image = pixels(2 * kFastRadius * stride + count + 2 * kFastRadius);
+    const uint8_t* row = image.data() + kFastRadius * stride;
+    const int first = kFastRadius, last = kFastRadius + count - 1;
+    std::vector<int16_t> plain(static_cast<size_t>(count) + 1), variant = plain;  // the last one: their number
+    plain.back() = static_cast<int16_t>(plain::fast_row(row, stride, first, last, threshold, plain.data()));
+    variant.back() = static_cast<int16_t>(kernel::fast_row(row, stride, first, last, threshold, variant.data()));
+    if (differ("fast_row", plain.data(), variant.data(), plain.size() * sizeof(int16_t))) return "fast_row";
   }
   return nullptr;
 }

@@ -195,6 +195,7 @@ FIELDS(pptam_camera, a, b, c, d, e, f, g, h, i, j)                    //
 FIELDS(PhoneProfile, a, b, c)                                         //
 FIELDS(pptam_phone_profile, a, b, c)                                  //
 FIELDS(Config, corner_source, initialiser, point_source, culling,     // C: the phone's parts
+       own_levels, max_coarse_points,                                 // C: as of the phone
        a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p, q, r, s, t, u, v, w)  //
 FIELDS(pptam_config, a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p, q, r, s, t, u, v, w)
 FIELDS(MemoryParts, a, b, c, d)

@@ -144,6 +144,7 @@ TEST(KeptTemplates, ServeWhileTheyShowThePatch) {
     kept.keyframe_id = source.id;
     kept.source_px = px;
     kept.A_s_t = A.inverse();
+    kept.searched_level = kLevel;
     for (const float share : {0.95f, 1.05f}) {
       const bool serves = share < 1;
       const float turn = share * kEighth_px / kCorner_px;
@@ -154,6 +155,7 @@ TEST(KeptTemplates, ServeWhileTheyShowThePatch) {
       EXPECT_EQ(kept.shows(source, px, A, kLevel, {0, 2 * share * kEighth_px}), serves) << share;
     }
     EXPECT_FALSE(kept.shows(source, px + Vector2f(1, 0), A, kLevel, {0, 0}));
+    EXPECT_FALSE(kept.shows(source, px, A, kLevel + 1, {0, 0})) << "searched in another level";
     source.id = 4;
     EXPECT_FALSE(kept.shows(source, px, A, kLevel, {0, 0}));
     source.id = 3;
