@@ -41,6 +41,7 @@ constexpr int kEnoughToRefuse = 32;
 // of 12, and sharp templates, two emulated dim rooms cost 2 and 5 times the error (1.07 in place of 0.19 % in one).
 constexpr float kCoarseBlur_px = 12.0f;
 constexpr int64_t kSetAsideInstructions = 100;  // ARMv6, of one slot of map points: an estimate
+constexpr int64_t kCountSlotInstructions = 5;   // likewise, for TrackResult::map_points, as counted
 // Error of the pose in the image, pixels of the level searched, where map points gave it, and where it is predicted.
 // Not swept.
 constexpr float kPlacedMargin_px = 2.0f, kPredictedMargin_px = 4.0f;
@@ -148,6 +149,7 @@ TrackResult Tracker::track(const Frame& frame, const Clock* clock, Tracer* trace
   result.keyframes = std::min(map_.live_count(), map_.max_live());  // the map has one more while culling decides
   result.erased_keyframes = map_.erased_count();
   result.map_points = map_.point_count();
+  meter_.charge(Work::kOther, kCountSlotInstructions * map_.points().size());
   if (result.points.empty()) result.points = observed_;
   stages_.end(&result);
   last_ = result;
@@ -183,6 +185,7 @@ void Tracker::predict() {
   if (rotation.near) lamp_bands_.note(rotation.line_share);
   if (lamp_bands_.seen()) frame_.set_lamp_lines(full_frame_rotation_.lines());
   meter_.charge(Work::kRotationPixel, static_cast<int64_t>(rotation.iterations) * full_frame_rotation_.pixels());
+  meter_.charge(Work::kOther, kRotationStepInstructions * rotation.iterations);
   motion_.turn(&rotation);
   if (state_ != TrackingState::kLost && motion_.rotation_surprises(config_.camera)) choose_rotation();
 }
