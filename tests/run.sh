@@ -142,9 +142,10 @@ for preset in "${presets[@]}"; do
     clang | sanitize)
       targets=(unit_tests kernels_tests map_file_tests bits_tests api_tests edges_tests)
       labels='^(unit|kernels|map_file|bits|api|edges)$'
+      [[ "$preset" != clang ]] || targets+=(pocket-ptam)
       ;;
     armv6)
-      targets=(kernels_tests map_file_tests bits_tests budget_tests edges_tests)
+      targets=(kernels_tests map_file_tests bits_tests budget_tests counted_run edges_tests)
       labels='^(kernels|map_file|bits|budget|edges)$'
       ;;
     cortex-m7) targets=(bare_metal bare_metal_all) labels='^bare_metal$' ;;

@@ -21,6 +21,7 @@ namespace pptam::platform {
 
 struct RunOptions {
   ClockKind clock = ClockKind::kWork;
+  std::function<std::unique_ptr<Clock>()> make_clock;  // another one, in place of `clock`'s; null: none
   // The work clock's phone: its processor, and what of its time each frame's capture and display take.
   PhoneProfile processor;
   int64_t capture_ns = 0, display_ns = 0;
