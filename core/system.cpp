@@ -32,7 +32,10 @@ constexpr int kMinPointsOfStart = 30, kMaxPointsOfStart = 250;
 constexpr float kMaxReadout_s = 1.0f, kMaxExposure_s = 1.0f;
 constexpr float kMinLength = 1e-3f, kMaxLength = 1e3f;  // world units, of a start's baseline or plane distance
 constexpr float kMaxKeyframeInterval_s = 3600;
-constexpr float kMaxClock_mhz = 1e5f, kMinCycles = 0.01f, kMaxCycles = 1e3f, kMaxInstructions = 1e7f;
+constexpr float kMaxClock_mhz = 1e5f, kMinCycles = 0.01f, kMaxCycles = 1e3f;
+// Instructions of a unit, and of a frame's pixels at once: the work meter's sum holds four weeks of such frames.
+constexpr float kMaxInstructions = 1e5f;
+constexpr double kMaxFrameInstructions = 1e9;
 // Change of scale that one set_length() may make, a ratio. Not swept.
 constexpr float kMinScale = 1e-6f, kMaxScale = 1e6f;
 
@@ -138,7 +141,11 @@ Status Config::validate() const {
     return {StatusCode::kInvalidArgument, "Config::profile: clock or cycles per instruction is absurd"};
   for (const float instructions : profile.instructions)
     if (!(instructions >= 0 && instructions <= kMaxInstructions))
-      return {StatusCode::kInvalidArgument, "Config::profile: instructions per unit must be within 0 to 1e7"};
+      return {StatusCode::kInvalidArgument, "Config::profile: instructions per unit must be within 0 to 1e5"};
+  for (const Work of_pixel : {Work::kGreyPixel, Work::kPyramidPixel, Work::kKeyframePixel})
+    if (static_cast<double>(profile.instructions[static_cast<size_t>(of_pixel)]) * model.width * model.height >
+        kMaxFrameInstructions)
+      return {StatusCode::kInvalidArgument, "Config::profile: a frame's pixels take over 1e9 instructions"};
   return {};
 }
 

@@ -239,7 +239,11 @@ void judge_output_file(const std::string& option, const fs::path& file, const In
 }
 
 void check_output_file(const std::string& option, const fs::path& file, const Inputs& inputs, const std::string& a_kind,
-                       const std::function<bool(std::span<const std::byte>)>& ours) {
+                       const std::function<bool(std::span<const std::byte>)>& ours, const fs::path& to_be_made) {
+  const fs::path folder = file.parent_path();
+  if (!to_be_made.empty() && file.has_filename() && !folder.empty() && !is_there(folder) &&
+      same_place(folder, to_be_made))
+    return;
   judge_output_file(option, file, inputs, a_kind, ours);
   try_to_write(file);
 }

@@ -82,9 +82,11 @@ class OutputFolder {
 void judge_output_file(const std::string& option, const std::filesystem::path& file, const Inputs& inputs,
                        const std::string& a_kind, const std::function<bool(std::span<const std::byte>)>& ours);
 
-// The same before anything is done: also when it cannot be written. Changes nothing.
+// The same before anything is done: also when it cannot be written. Changes nothing. to_be_made: a folder that will be
+// made, and tried, before the file is written; empty: none.
 void check_output_file(const std::string& option, const std::filesystem::path& file, const Inputs& inputs,
-                       const std::string& a_kind, const std::function<bool(std::span<const std::byte>)>& ours);
+                       const std::string& a_kind, const std::function<bool(std::span<const std::byte>)>& ours,
+                       const std::filesystem::path& to_be_made = {});
 
 // A text with this in some comment can be sealed: the zeros become a hash of the rest.
 constexpr std::string_view kOpenSeal = "made by pocket-ptam, 0000000000000000";

@@ -159,9 +159,10 @@ for preset in "${presets[@]}"; do
       targets=(unit_tests kernels_tests map_file_tests bits_tests api_tests edges_tests
         kernels_fuzz map_file_fuzz c_api_fuzz c_model_fuzz)
       labels='^(unit|kernels|map_file|bits|api|edges|fuzz)$'
+      [[ "$preset" != clang ]] || targets+=(pocket-ptam)
       ;;
     armv6)
-      targets=(kernels_tests map_file_tests bits_tests budget_tests edges_tests code_size_core code_size_all)
+      targets=(kernels_tests map_file_tests bits_tests budget_tests counted_run edges_tests code_size_core code_size_all)
       labels='^(kernels|map_file|bits|budget|edges|code_size)$'
       ;;
     cortex-m7) targets=(bare_metal code_size_core code_size_all) labels='^(bare_metal|code_size)$' ;;

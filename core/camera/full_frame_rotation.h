@@ -41,6 +41,9 @@ class LampBands {
   bool seen_ = false;
 };
 
+// ARMv6, of an iteration besides its pixels (Work::kRotationPixel): scale and solution, as counted.
+constexpr int64_t kRotationStepInstructions = 5500;
+
 class FullFrameRotation {
  public:
   FullFrameRotation(Arena& arena, const Camera& camera);  // its model is of level 0, prepared

@@ -24,7 +24,10 @@ constexpr float kMinPosePivot = 1e-5f;  // ratio (NormalEquations), a hundred ti
 
 constexpr float kUnseen = 1e12f;  // squared error (sigma^2) of a row that cannot be predicted: beyond every cut-off
 
-constexpr int kPose = 6;           // unknowns
+constexpr int kPose = 6;  // unknowns
+// ARMv6 of a step besides its rows: equations and their solution, with the velocity among the unknowns as counted and
+// without it estimated; and of the covariance at the end.
+constexpr int64_t kStepInstructions = 6400, kPoseStepInstructions = 2000, kFinishInstructions = 3700;
 constexpr int kSummedAtOnce = 64;  // rows in one piece: 45,000 instructions (Work::kPosePoint), well under a slice
 
 }  // namespace
@@ -212,6 +215,7 @@ void PoseUpdater::fill_equations(int unknowns) {
 FitStep PoseUpdater::step(int iteration) {
   if (result_.inliers < kMinInliers) return FitStep::kFailed;
   const int unknowns = velocity_free_ ? kUnknowns : kPose;
+  meter_.charge(Work::kOther, velocity_free_ ? kStepInstructions : kPoseStepInstructions);
   fill_equations(unknowns);
   float x[kUnknowns];
   if (!equations_.solve(kMinPosePivot, x)) return FitStep::kFailed;
@@ -237,6 +241,7 @@ FitStep PoseUpdater::step(int iteration) {
 }
 
 void PoseUpdater::finish(int unknowns) {
+  meter_.charge(Work::kOther, kFinishInstructions);
   const int pose = unknowns - kPose;
   const SE3 T = SE3::exp(pose_step_) * T_;
   result_.T_cw = {orthonormalised(T.R), T.t};

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 
 #include <pocket_ptam/status.h>
 #include "base/assert.h"
@@ -37,8 +38,38 @@ void PatchTemplate::add_up() {
   }
 }
 
+void TemplateMean::add(const PatchTemplate& patch) {
+  static_assert(sizeof patch.px == sizeof even_);
+  for (int i = 0; i < kWords; ++i) {
+    uint32_t four;
+    std::memcpy(&four, patch.px + 4 * i, 4);
+    even_[i] += four & 0x00ff00ff;
+    odd_[i] += (four >> 8) & 0x00ff00ff;
+  }
+}
+
+// n / count is n * reciprocal / 2^16: exact while n * count < 2^16, and n is at most 6 * 255 + 3.
+void TemplateMean::write(int count, PatchTemplate* patch) const {
+  PPTAM_ASSERT(count >= 1 && count <= kMost);
+  const uint32_t reciprocal = 65536u / static_cast<uint32_t>(count) + 1, half = static_cast<uint32_t>(count) / 2;
+  const auto mean = [&](uint32_t sum) { return ((sum + half) * reciprocal) >> 16; };
+  const auto both = [&](uint32_t sums) { return mean(sums & 0xffff) | mean(sums >> 16) << 16; };
+  for (int i = 0; i < kWords; ++i) {
+    const uint32_t four = both(even_[i]) | both(odd_[i]) << 8;
+    std::memcpy(patch->px + 4 * i, &four, 4);
+  }
+  patch->add_up();
+}
+
 bool warp_patch(const GreyView& source, const Eigen::Vector2f& centre, const Eigen::Matrix2f& J_src_tpl,
                 PatchTemplate* out) {
+  if (!warp_pixels(source, centre, J_src_tpl, out)) return false;
+  out->add_up();
+  return true;
+}
+
+bool warp_pixels(const GreyView& source, const Eigen::Vector2f& centre, const Eigen::Matrix2f& J_src_tpl,
+                 PatchTemplate* out) {
   // Positions are 16.16 fixed point: up to kMaxSize px of image and 4.5 x 2 x kMaxStep px of patch are together below
   // 2^15 px.
   constexpr int kMaxSize = 16384;    // source pixels
@@ -80,7 +111,6 @@ bool warp_patch(const GreyView& source, const Eigen::Vector2f& centre, const Eig
   };
   out->x_blur = in_template(J_src_tpl(1, 1), J_src_tpl(0, 1));
   out->y_blur = in_template(J_src_tpl(1, 0), J_src_tpl(0, 0));
-  out->add_up();
   return true;
 }
 

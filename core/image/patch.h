@@ -39,6 +39,21 @@ struct PatchTemplate {
 // high.
 bool warp_patch(const GreyView& source, const Eigen::Vector2f& centre, const Eigen::Matrix2f& J_src_tpl,
                 PatchTemplate* out);
+// Likewise, but leaves out->sum and sum_sq as they are.
+bool warp_pixels(const GreyView& source, const Eigen::Vector2f& centre, const Eigen::Matrix2f& J_src_tpl,
+                 PatchTemplate* out);
+
+// The mean of several templates' pixels, rounded half up, two pixels in a word at once.
+class TemplateMean {
+ public:
+  static constexpr int kMost = 6;  // templates
+  void add(const PatchTemplate& patch);
+  void write(int count, PatchTemplate* patch) const;  // of so many; also its sums
+
+ private:
+  static constexpr int kWords = kPatchFramed * kPatchFramed / 4;
+  uint32_t even_[kWords] = {}, odd_[kWords] = {};  // bytes 0 and 2 of each word of pixels, and 1 and 3: below 2^16 each
+};
 
 struct PatchHit {
   int x = 0;  // top-left pixel of the best 8x8

@@ -93,9 +93,13 @@ constexpr int kMaxKeyframeSlots = keyframe_slots(kMaxKeyframes, kMaxKeyframes);
 
 constexpr int kMaxMaps = 8;  // that a Config may allow
 
-// Places for measurements: two of each point's own, and those that all points of all maps share.
+// Measurements that one map may have: two of each point's own, and those that all points of all maps share.
+inline int measurements_of_one_map(const Config& config) {
+  return 2 * config.max_map_points + config.max_measurements;
+}
+// Places for those of all maps.
 inline int measurement_places(const Config& config) {
-  return 2 * config.max_map_points * config.max_maps + config.max_measurements;
+  return 2 * config.max_map_points * (config.max_maps - 1) + measurements_of_one_map(config);
 }
 
 class Map {

@@ -29,7 +29,7 @@ constexpr float kMinWarpArea = 1e-3f, kMaxWarpArea = 1e3f;
 // Length of a streak, pixels of the level searched, from which on the template is blurred, and the patches of which the
 // mean is taken at most. Blurred from 1 or 1.5 px on nothing is gained, and each blurred template costs two warps.
 constexpr float kMinStreak_px = 2;
-constexpr int kMaxStreakParts = 6;
+constexpr int kMaxStreakParts = TemplateMean::kMost;
 constexpr int64_t kAffinityInstructions = 950;  // ARMv6, of one patch's affine map, as counted
 constexpr int64_t kStreakInstructions = 500;    // of one streak(): an estimate
 // Pixels of the level searched by which a kept template may be wrong anywhere. Six stories, three seeds each, error of
@@ -101,15 +101,13 @@ bool warp_template(const Pyramid& source, const Vector2f& source_px, const Matri
   if (parts == 1) return warp_patch(image, centre, J_src_tpl, patch) && patch->energy() >= kMinEnergy;
   // The mean over the exposure: of patches at its equal parts.
   const Vector2f streak = streak_px / static_cast<float>(1 << level);  // template pixels
-  uint16_t sum[kPatchFramed * kPatchFramed] = {};
+  TemplateMean mean;
   for (int i = 0; i < parts; ++i) {
     const float share = (static_cast<float>(i) + 0.5f) / static_cast<float>(parts) - 0.5f;
-    if (!warp_patch(image, centre + J_src_tpl * (share * streak), J_src_tpl, patch)) return false;
-    for (int k = 0; k < kPatchFramed * kPatchFramed; ++k) sum[k] = static_cast<uint16_t>(sum[k] + patch->px[k]);
+    if (!warp_pixels(image, centre + J_src_tpl * (share * streak), J_src_tpl, patch)) return false;
+    mean.add(*patch);
   }
-  for (int k = 0; k < kPatchFramed * kPatchFramed; ++k)
-    patch->px[k] = static_cast<uint8_t>((sum[k] + parts / 2) / parts);
-  patch->add_up();
+  mean.write(parts, patch);
   return patch->energy() >= kMinEnergy;
 }
 

@@ -63,7 +63,7 @@ BundleCapacity capacity(const Config& config) {
   // slots are neither free nor observed.
   capacity.cameras = keyframe_slots(config.max_keyframes, config.max_erased_keyframes);
   capacity.points = config.max_map_points;
-  capacity.observations = measurement_places(config);
+  capacity.observations = measurements_of_one_map(config);
   capacity.observations_per_point = config.max_measurements_per_point + 1;
   capacity.columns = std::max(config.max_keyframes, 2 * kMaxVelocityCameras);
   return capacity;

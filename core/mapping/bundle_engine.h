@@ -164,8 +164,11 @@ class BundleEngine {
   static constexpr int64_t kPrepareColumnInstructions = 500;
   static constexpr int64_t kStepCameraInstructions = 600;
   static constexpr int64_t kSubstituteRowInstructions = 200, kSubstituteBlockInstructions = 90;
-  // In units of block products: V and the Y of a point, and the division by a diagonal block.
-  static constexpr int kPointProducts = 4, kDivisionProducts = 2;
+  static constexpr int kDivisionProducts = 2;  // the division by a diagonal block, in units of block products
+  // As counted: a point eliminated, and each of its columns, besides the products; an observation linearised in a
+  // camera whose pose is not free, as most are in a local adjustment.
+  static constexpr int64_t kReducePointInstructions = 380, kReduceColumnInstructions = 80;
+  static constexpr int64_t kFixedProjectionInstructions = 335;
 
   Task<> measure();
   Task<> estimate_scale();
@@ -174,7 +177,7 @@ class BundleEngine {
   Task<> step();
   void count_digits(int from, int to);
   void measure_point(Point& point);
-  void linearise_point(Point& point);
+  int linearise_point(Point& point);
   Scalar linearise_observation(Point& point, int index);
   static void add_column(const Scalar* A, const Scalar* wB, const Scalar* we, Scalar weight, Scalar* __restrict U,
                          Scalar* __restrict rhs, Scalar* __restrict W);
@@ -413,20 +416,27 @@ Task<> BundleEngine<Scalar, Projection>::linearise() {
   cost_ = 0;
   for (const Camera& camera : cameras_) cost_ += prior_cost(camera, camera.now.velocity);
   for (Point& point : points_) {
-    linearise_point(point);
+    const int fixed = linearise_point(point);
     if (velocities_free_) meter_.charge(Work::kBundleMotion, point.count);
-    co_await background_.spend(Work::kBundleProjection, point.count);
+    meter_.charge(Work::kOther, kFixedProjectionInstructions * fixed);
+    co_await background_.spend(Work::kBundleProjection, point.count - fixed);
   }
   linearised_ = true;
 }
 
+// Returns the number of its observations in cameras whose pose is not free.
 template <class Scalar, class Projection>
-void BundleEngine<Scalar, Projection>::linearise_point(Point& point) {
+int BundleEngine<Scalar, Projection>::linearise_point(Point& point) {
   std::fill_n(point.V, 6, Scalar(0));
   std::fill_n(point.e, 3, Scalar(0));
   Scalar sum = 0;
-  for (int k = point.first; k < point.first + point.count; ++k) sum += linearise_observation(point, k);
+  int fixed = 0;
+  for (int k = point.first; k < point.first + point.count; ++k) {
+    sum += linearise_observation(point, k);
+    fixed += cameras_[observations_[k].camera].pose_column < 0;
+  }
   cost_ += sum;
+  return fixed;
 }
 
 // Returns the observation's cost.
@@ -523,7 +533,7 @@ Task<> BundleEngine<Scalar, Projection>::reduce() {
   meter_.charge(Work::kOther, kPrepareColumnInstructions * columns_);
   for (Point& point : points_) {
     const int products = reduce_point(point);
-    co_await background_.spend(Work::kBundleBlock, products + kPointProducts);
+    co_await background_.spend(Work::kBundleBlock, products);
   }
 }
 
@@ -588,6 +598,7 @@ int BundleEngine<Scalar, Projection>::reduce_point(Point& point) {
       products += count;
     }
   }
+  meter_.charge(Work::kOther, kReducePointInstructions + kReduceColumnInstructions * count);
   return products;
 }
 

@@ -23,7 +23,7 @@ enum class Work : uint8_t {
   kPosePoint,         // one point in one iteration of the pose update
   kPoseProjection,    // one point projected and differentiated, in a relinearising iteration of the pose update
   kHomographyPoint,   // one point in one iteration of the homography update
-  kKeyframePixel,     // one pixel copied into a keyframe
+  kKeyframePixel,     // two pixels copied into a keyframe
   kBundleError,       // one measurement projected, for its error
   kBundleProjection,  // one measurement projected and differentiated, its share of the normal equations
   kBundleMotion,      // one measurement's further share when its keyframe's velocity is an unknown

@@ -14,6 +14,7 @@ constexpr float kFirstInterval_s = 1.0f / 15.0f;
 
 constexpr int kHashedLevel = 2;       // noise of 2 grey levels is 0.5 in L2: no two of 4800 pixels' pictures are alike
 constexpr int kHashInstructions = 2;  // ARMv6, a pixel: an estimate
+constexpr int64_t kSmallImageInstructions = 43;  // of one pixel of the small image, as counted
 
 // FNV-1a, 32 bits, by words of four pixels. Pictures are compared within a run only.
 uint32_t hash_of(const GreyView& image) {
@@ -59,6 +60,7 @@ bool FrameInput::take(const Frame& frame, bool pass_repeated) {
   timestamp_ns_ = frame.timestamp_ns;
   std::swap(small_, previous_small_);
   make_small_image(pyramid_, small_);
+  meter_.charge(Work::kOther, kSmallImageInstructions * small_.width * small_.height);
   return true;
 }
 

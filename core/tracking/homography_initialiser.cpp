@@ -86,8 +86,9 @@ constexpr float kMaxSharpBlur_px = 0.5f * kBlurLimit_px;
 // Distance from the plane, relative to the plane's depth, up to which a point's patch gets the plane's normal. Not
 // swept.
 constexpr float kOffPlane = 0.1f;
-constexpr float kMinSigma = 1e-6f;   // of a quantity that is known perfectly: guards a division
-constexpr float kNoBaseline = 1e9f;  // t / d, before any solution has been looked at
+constexpr float kMinSigma = 1e-6f;              // of a quantity that is known perfectly: guards a division
+constexpr float kNoBaseline = 1e9f;             // t / d, before any solution has been looked at
+constexpr int64_t kQualityInstructions = 1500;  // ARMv6, of a point's share of decomposition_quality(), as counted
 
 }  // namespace
 
@@ -226,6 +227,7 @@ float HomographyInitialiser::planar_margin(const Decomposition& decomposition) {
     const float sigma = std::max(tracker_.sigma_px(), px(kDecompositionNoise_px)) / config_.camera.model.fx;
     const DecompositionQuality quality =
         decomposition_quality(decomposition.solutions[i], tracker_.inlier_rays(), sigma);
+    meter_.charge(Work::kOther, kQualityInstructions * static_cast<int64_t>(tracker_.inlier_rays().size()));
     worst_sigma_n = std::max(worst_sigma_n, quality.sigma_n_rad);
     shortest = std::min(shortest, decomposition.solutions[i].T_21.t.norm());
   }

@@ -34,6 +34,9 @@ constexpr float kMinMissedAtRest = 0.05f, kMovedShare = 0.25f, kMoved_px = 30.0f
 constexpr float kRestRadius_px = 3.0f, kRestZmssd = 0.2f;
 // Homogeneous coordinate under which H cannot place a point, a ratio. Not swept.
 constexpr float kMinPlacedDepth = 0.1f;
+// ARMv6, as counted: a point's prediction and what its search takes besides what is charged there; a measurement
+// corrected for the shutter; an iteration of the fit besides its points.
+constexpr int64_t kPointInstructions = 700, kCorrectedInstructions = 170, kFitStepInstructions = 7000;
 
 // log of a matrix near the identity, second order; the trace is removed, so that the result is in sl(3).
 Matrix3f log_near_identity(const Matrix3f& M) {
@@ -115,6 +118,7 @@ Vector2f HomographyTracker::corrected(const Vector2f& px, const Matrix3f& rate) 
 void HomographyTracker::correct(const Matrix3f& rate) {
   for (TrackedPoint& point : points_)
     if (point.found) point.x_2 = corrected(point.px_2, rate);
+  meter_.charge(Work::kOther, kCorrectedInstructions * found_);
 }
 
 bool HomographyTracker::camera_stands() const {
@@ -219,6 +223,7 @@ void HomographyTracker::search(const Pyramid& first_view, const Pyramid& pyramid
     point.had_turn = true;
     Vector2f px;
     Matrix2f A;
+    meter_.charge(Work::kOther, kPointInstructions);
     if (!predict(point, H_predicted, rate, &px, &A)) continue;
     PatchTemplate patch;
     meter_.charge(Work::kPatchWarp, 1);
@@ -251,6 +256,7 @@ bool HomographyTracker::fit(const Matrix3f& H_start) {
   const HomographyFit fit =
       fit_homography(found, H_start, start_sigma_px(config_) / config_.camera.model.fx, weights_, squared_);
   meter_.charge(Work::kHomographyPoint, fit.iterations * static_cast<int64_t>(found.size()));
+  meter_.charge(Work::kOther, kFitStepInstructions * fit.iterations);
   const float* weight = weights_.data();
   for (TrackedPoint& point : points_) point.weight = point.found ? *weight++ : 0.0f;
   sigma_px_ = start_sigma_px(config_) * fit.sigma;

@@ -24,11 +24,15 @@ constexpr int kUrgentStaying = 15;
 constexpr float kUrgentInterval = 0.5f;
 constexpr float kCosTurn = 0.98f;  // optical axes within 11.5 degrees: views turned by more are not near; not swept
 constexpr float kNoneNear = 1e9f;  // distance in world units when no keyframe is near
+// ARMv6, as counted: a keyframe's distance, and a point looked for half a second ahead (MapMatching::staying).
+constexpr int64_t kDistanceInstructions = 100, kStayingInstructions = 150;
 constexpr int kMinBelievedForKeyframe = 2;  // believed poses in a row, so that the motion is known
 
 }  // namespace
 
 bool KeyframePolicy::wants(int64_t timestamp_ns, const MotionModel& motion, int staying) const {
+  meter_.charge(Work::kOther,
+                kStayingInstructions * config_.max_measured_points + kDistanceInstructions * map_.keyframes().size());
   if (!map_.queue().can_hold()) return false;
   float interval_s = config_.min_keyframe_interval_s;
   if (map_.full()) {
@@ -67,8 +71,8 @@ void KeyframePolicy::hold(const FrameInput& input, const MotionModel& motion, st
   frame.mean_depth = motion.mean_depth();
   frame.set_images(input.pyramid(), input.small());
   const CameraModel& model = config_.camera.model;
-  // A pyramid has 4/3 of level 0's pixels.
-  meter_.charge(Work::kKeyframePixel, static_cast<int64_t>(model.width) * model.height * 4 / 3);
+  // A pyramid has 4/3 of level 0's pixels, and two of them are a unit.
+  meter_.charge(Work::kKeyframePixel, static_cast<int64_t>(model.width) * model.height * 2 / 3);
   for (const Attempt& attempt : attempts)
     if (attempt.outcome == Attempt::Outcome::kInlier)
       candidate.measurements.push_back({attempt.point, map_.points()[attempt.point].id, attempt.at});

@@ -168,6 +168,7 @@ RelocalisationCandidate propose_pose(const Map& map, const Camera& camera, FullF
     const RotationEstimate rotation =
         full_frame_rotation.estimate(keyframe.small, small, start.R_cp, start.t_over_depth, lamp_bands);
     meter.charge(Work::kRotationPixel, static_cast<int64_t>(rotation.iterations) * full_frame_rotation.pixels());
+    meter.charge(Work::kOther, kRotationStepInstructions * rotation.iterations);
     // `near`: the rotation left over is within the tracker's wide search.
     if (!rotation.near || (candidate.keyframe >= 0 && rotation.residual >= least_residual)) return;
     least_residual = rotation.residual;

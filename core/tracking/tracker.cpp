@@ -45,6 +45,7 @@ constexpr int kEnoughToRefuse = 20;
 constexpr float kCoarseBlur_px = 12.0f;
 // ARMv6, of one slot of map points, estimates: to set a map aside, and to drop a keyframe.
 constexpr int64_t kSetAsideInstructions = 100, kDropInstructions = 50;
+constexpr int64_t kCountSlotInstructions = 5;  // likewise, for TrackResult::map_points, as counted
 // Error of the pose in the image, pixels of the level searched, where map points gave it, and where it is predicted.
 // Not swept.
 constexpr float kPlacedMargin_px = 2.0f, kPredictedMargin_px = 4.0f;
@@ -152,6 +153,7 @@ TrackResult Tracker::track(const Frame& frame, const Clock* clock, Tracer* trace
   result.keyframes = std::min(map_.live_count(), map_.max_live());  // the map has one more while culling decides
   result.erased_keyframes = map_.erased_count();
   result.map_points = map_.point_count();
+  meter_.charge(Work::kOther, kCountSlotInstructions * map_.points().size());
   if (result.points.empty()) result.points = observed_;
   stages_.end(&result);
   last_ = result;
@@ -187,6 +189,7 @@ void Tracker::predict() {
   if (rotation.near) lamp_bands_.note(rotation.line_share);
   if (lamp_bands_.seen()) frame_.set_lamp_lines(full_frame_rotation_.lines());
   meter_.charge(Work::kRotationPixel, static_cast<int64_t>(rotation.iterations) * full_frame_rotation_.pixels());
+  meter_.charge(Work::kOther, kRotationStepInstructions * rotation.iterations);
   motion_.turn(&rotation);
   if (state_ != TrackingState::kLost && motion_.rotation_surprises(config_)) choose_rotation();
 }

@@ -46,8 +46,8 @@ void ViewRecorder::store(const FrameInput& frame, std::span<const TrackedPoint> 
   std::swap(view.before, last_);
   view.after.known = false;
   const CameraModel& model = config_.camera.model;
-  // A pyramid has 4/3 of level 0's pixels.
-  meter_.charge(Work::kKeyframePixel, static_cast<int64_t>(model.width) * model.height * 4 / 3);
+  // A pyramid has 4/3 of level 0's pixels, and two of them are a unit.
+  meter_.charge(Work::kKeyframePixel, static_cast<int64_t>(model.width) * model.height * 2 / 3);
 }
 
 void ViewRecorder::start(const FrameInput& frame, std::span<const TrackedPoint> points) {

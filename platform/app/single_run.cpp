@@ -67,7 +67,7 @@ void check_map(const RunOptions& run, const OutputOptions& output, const std::fi
   if (!run.save_map) return;
   Inputs inputs = knowledge.inputs;
   inputs.add("the map of --load-map", run.load_map);
-  check_map_file(output.save_map, inputs);
+  check_map_file(output.save_map, inputs, folder);
   check_apart("--save-map", output.save_map, folder);
 }
 
@@ -76,7 +76,7 @@ void check_trace(const RunOptions& run, const OutputOptions& output, const std::
   if (output.trace.empty()) return;
   Inputs inputs = knowledge.inputs;
   inputs.add("the map of --load-map", run.load_map);
-  check_trace_file(output, inputs);
+  check_trace_file(output, inputs, folder);
   check_apart("--trace", output.trace, folder);
 }
 
@@ -291,12 +291,12 @@ void print_written(const std::filesystem::path& place, const OutputFolder& folde
 
 }  // namespace
 
-void check_map_file(const std::string& file, const Inputs& inputs) {
-  check_output_file("--save-map", file, inputs, "a sound map", is_sound_map);
+void check_map_file(const std::string& file, const Inputs& inputs, const std::filesystem::path& to_be_made) {
+  check_output_file("--save-map", file, inputs, "a sound map", is_sound_map, to_be_made);
 }
 
-void check_trace_file(const OutputOptions& output, const Inputs& inputs) {
-  check_output_file("--trace", output.trace, inputs, "a trace of an earlier run", is_trace);
+void check_trace_file(const OutputOptions& output, const Inputs& inputs, const std::filesystem::path& to_be_made) {
+  check_output_file("--trace", output.trace, inputs, "a trace of an earlier run", is_trace, to_be_made);
   if (!output.save_map.empty() && same_place(output.trace, output.save_map))
     throw InputError("--trace " + output.trace + ": is where --save-map writes, name another file");
 }

@@ -41,12 +41,15 @@ int run_and_write(const std::string& name, const platform::Trajectory& truth, co
                   const platform::RunOptions& run_options, const OutputOptions& output, const Knowledge& knowledge,
                   const std::string& command_line);
 
-// --save-map alone: judged before anything is done, and written; both throw InputError.
-void check_map_file(const std::string& file, const platform::Inputs& inputs);
+// --save-map alone: judged before anything is done, and written; both throw InputError. to_be_made: a folder that will
+// be made before; empty: none.
+void check_map_file(const std::string& file, const platform::Inputs& inputs,
+                    const std::filesystem::path& to_be_made = {});
 void write_map_file(const std::string& file, std::span<const std::byte> map);
 
 // --trace likewise.
-void check_trace_file(const OutputOptions& output, const platform::Inputs& inputs);
+void check_trace_file(const OutputOptions& output, const platform::Inputs& inputs,
+                      const std::filesystem::path& to_be_made = {});
 void write_trace_file(const OutputOptions& output, const platform::RunLog& log, const std::string& command_line);
 
 // Somebody who watches what the options say: a display, if they name one, and the terminal's keys with it.

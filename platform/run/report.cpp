@@ -118,13 +118,25 @@ std::string plot_stacked(const char* data, const std::vector<Layer>& layers) {
   return script;
 }
 
+constexpr const char* kStageColours[kStages] = {"#8da0cb", "#66c2a5", "#4f81bd", "#e78ac3",
+                                                "#ffd92f", "#fc8d62", "#b3b3b3"};
+constexpr const char* kCaptureColour = "#e5e5e5";
+constexpr const char* kDisplayColour = "#d0d7e5";
+constexpr const char* kIdleColour = "#eeeeee";
+constexpr const char* kJobColours[kJobs] = {"#fc8d62", "#66c2a5", "#9ecae1", "#4f81bd", "#e78ac3", "#ffd92f"};
+
+// "finish map"
+std::string words_of(Span job) {
+  std::string name = name_of(job);
+  std::replace(name.begin(), name.end(), '_', ' ');
+  return name;
+}
+
 std::string plot_times(const RunLog& log) {
-  static constexpr const char* kColours[kStages] = {"#8da0cb", "#66c2a5", "#4f81bd", "#e78ac3",
-                                                    "#ffd92f", "#fc8d62", "#b3b3b3"};
-  std::vector<Layer> layers = {{"capture", "#e5e5e5"}};
+  std::vector<Layer> layers = {{"capture", kCaptureColour}};
   layers.reserve(kStages + 2);
-  for (int s = 0; s < kStages; ++s) layers.push_back({name_of(static_cast<Stage>(s)), kColours[s]});
-  layers.push_back({"display", "#d0d7e5"});
+  for (int s = 0; s < kStages; ++s) layers.push_back({name_of(static_cast<Stage>(s)), kStageColours[s]});
+  layers.push_back({"display", kDisplayColour});
   std::string data;
   std::string late;
   std::string dropped;
@@ -161,15 +173,10 @@ std::string plot_times(const RunLog& log) {
 }
 
 std::string plot_idle_time(const RunLog& log) {
-  static constexpr const char* kJobColours[kJobs] = {"#fc8d62", "#66c2a5", "#9ecae1", "#4f81bd", "#e78ac3", "#ffd92f"};
   std::vector<Layer> layers;
   layers.reserve(kJobs + 1);
-  for (int job = 0; job < kJobs; ++job) {
-    std::string name = name_of(span_of_job(job));
-    std::replace(name.begin(), name.end(), '_', ' ');
-    layers.push_back({name, kJobColours[job]});
-  }
-  layers.push_back({"idle", "#eeeeee"});
+  for (int job = 0; job < kJobs; ++job) layers.push_back({words_of(span_of_job(job)), kJobColours[job]});
+  layers.push_back({"idle", kIdleColour});
   std::string data;
   std::string slices;
   for (const FrameLog& frame : log.frames) {
@@ -190,6 +197,69 @@ std::string plot_idle_time(const RunLog& log) {
   script += slices.empty() ? "plot [0:1] [0:1] NaN notitle\n"
                            : "plot $slices using 1:2 with points pt 7 ps 0.3 lc rgb '#4f81bd' title 'slice'\n";
   return plot_svg(1120, 560, script + "unset multiplot\n");
+}
+
+// ------------------------------------------------------------------------------------------------------------ a trace
+
+constexpr double kBeforeWorst_ms = 100, kAfterWorst_ms = 300;  // shown of a trace, around its worst frame
+// Lower and upper edges of a trace's rows, of the plot's height.
+constexpr double kFrameRow[2] = {2.45, 2.95}, kStageRow[2] = {1.9, 2.4}, kMappingRow[2] = {1, 1.8},
+                 kIdleRow[2] = {0, 0.8};
+
+// Which row, and which colour; null: not drawn.
+const char* colour_of(TraceWhat what, const double** row) {
+  *row = kFrameRow;
+  if (what == TraceWhat::kCapture) return kCaptureColour;
+  if (what == TraceWhat::kDisplay) return kDisplayColour;
+  if (what == trace_of(Span::kFrame)) return "#9aa0a6";
+  *row = kIdleRow;
+  if (what == TraceWhat::kIdle) return kIdleColour;
+  const int span = static_cast<int>(what);
+  if (span >= static_cast<int>(Span::kPyramid) && span <= static_cast<int>(Span::kKeyframe)) {
+    *row = kStageRow;
+    return kStageColours[span - static_cast<int>(Span::kPyramid)];
+  }
+  if (span < static_cast<int>(Span::kFinishMap) || span > static_cast<int>(Span::kTidy)) return nullptr;
+  *row = kMappingRow;
+  return kJobColours[job_of(static_cast<Span>(span))];
+}
+
+// The trace around the frame that took longest: when frames, mapping and idle time followed each other.
+std::string plot_trace(const RunLog& log) {
+  const TraceEvent* worst = nullptr;
+  const auto length_ns = [](const TraceEvent& e) { return saturated_difference(e.end_ns, e.begin_ns); };
+  for (const TraceEvent& event : log.trace) {
+    if (event.what == trace_of(Span::kFrame) && (worst == nullptr || length_ns(event) > length_ns(*worst)))
+      worst = &event;
+  }
+  if (worst == nullptr) return {};
+  const auto ms = [&](int64_t ns) { return 1e-6 * static_cast<double>(saturated_difference(ns, worst->begin_ns)); };
+  const auto shown = [](double t_ms) { return std::clamp(t_ms, -kBeforeWorst_ms, kAfterWorst_ms); };
+  std::string script =
+      "set xlabel 'ms from the beginning of the frame that took longest'\nset key outside right top\n" +
+      format("set xrange [%g:%g]\nset yrange [-0.1:3.3]\n", -kBeforeWorst_ms, kAfterWorst_ms) +
+      "set ytics ('frames' 2.7, 'stages' 2.15, 'mapping' 1.4, 'idle' 0.4)\n";
+  for (const TraceEvent& event : log.trace) {
+    const double begin = shown(ms(event.begin_ns)), end = shown(ms(event.end_ns));
+    const double* row = nullptr;
+    const char* const colour = colour_of(event.what, &row);
+    if (event.what == TraceWhat::kDropped && begin > -kBeforeWorst_ms && begin < kAfterWorst_ms)
+      script += format("set label 'x' at %.4f,3.05 center tc rgb '#e5484d'\n", begin);
+    if (colour == nullptr || !(end > begin)) continue;
+    script += format("set object rect from %.4f,%g to %.4f,%g fc rgb '%s' fs solid border rgb '#ffffff' lw 0.3\n",
+                     begin, row[0], end, row[1], colour);
+    if (event.what == trace_of(Span::kFrame))
+      script += format("set label '%lld' at %.4f,3.05 center\n", static_cast<long long>(event.value), begin);
+  }
+  std::string keys = format("keyentry with boxes fs solid lc rgb '%s' title 'capture', ", kCaptureColour);
+  for (int s = 0; s < kStages; ++s)
+    keys += format("keyentry with boxes fs solid lc rgb '%s' title '%s', ", kStageColours[s],
+                   name_of(static_cast<Stage>(s)));
+  keys += format("keyentry with boxes fs solid lc rgb '%s' title 'display'", kDisplayColour);
+  for (int job = 0; job < kJobs; ++job)
+    keys += format(", keyentry with boxes fs solid lc rgb '%s' title '%s'", kJobColours[job],
+                   words_of(span_of_job(job)).c_str());
+  return plot_svg(1120, 380, script + "plot NaN notitle, " + keys + "\n");
 }
 
 std::string plot_tracking(const RunLog& log) {
@@ -323,6 +393,10 @@ std::string report_page(const RunLog& log, const RunSummary& summary, const Traj
       add_plot("Time per frame", times.c_str(), [&] { return plot_times(log); });
       add_plot("Between frames", "What mapping did with the time, and idle time, stacked.",
                [&] { return plot_idle_time(log); });
+      if (!log.trace.empty()) {
+        add_plot("Trace", "Where the processor's time went around its longest frame; frames by their number.",
+                 [&] { return plot_trace(log); });
+      }
       add_plot("Tracking", "The strip at the bottom shows the state and the quality.",
                [&] { return plot_tracking(log); });
     }

@@ -27,7 +27,8 @@ Config config_for(const CameraInfo& info, SystemProfile profile) {
 
 constexpr size_t kMaxMapFile = size_t{1} << 30;
 
-std::unique_ptr<Clock> make_clock(const RunOptions& options, const System& system) {
+std::unique_ptr<Clock> clock_of(const RunOptions& options, const System& system) {
+  if (options.make_clock) return options.make_clock();
   switch (options.clock) {
     case ClockKind::kSteady:
       return std::make_unique<SteadyClock>();
@@ -98,7 +99,7 @@ Session make_session(const CameraInfo& camera, const RunOptions& options) {
                      std::to_string(bytes >> 20) + " MB are needed");
   }
   require(System::create(config, std::as_writable_bytes(std::span(session.memory)), &session.system));
-  session.clock = make_clock(options, *session.system);
+  session.clock = clock_of(options, *session.system);
   session.system->set_clock(session.clock.get());
   session.tracer = std::make_unique<RunTracer>(*session.clock, options.keep_trace);
   session.system->set_tracer(session.tracer.get());

@@ -24,6 +24,7 @@ enum class SystemProfile { kPhone, kTiny, kDesktop };  // Config::phone, Config:
 struct RunOptions {
   SystemProfile profile = SystemProfile::kPhone;
   ClockKind clock = ClockKind::kWork;
+  std::function<std::unique_ptr<Clock>()> make_clock;  // another one, in place of `clock`'s; null: none
   // The work clock's phone: its processor (without one the profile's), and what of its time each frame's capture and
   // display take.
   std::optional<PhoneProfile> processor;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <charconv>
+#include <span>
 #include <string_view>
 
 #include "platform/input_error.h"
@@ -63,6 +64,15 @@ std::vector<std::string_view> lines_of(std::string_view text) {
   return lines;
 }
 
+// The seal is that of the text as written: an editor's or a version control's ends of lines are no change.
+bool is_unchanged(const std::string& text) {
+  std::string plain;
+  plain.reserve(text.size());
+  for (size_t i = 0; i < text.size(); ++i)
+    if (text[i] != '\r' || i + 1 == text.size() || text[i + 1] != '\n') plain += text[i];
+  return is_sealed(std::as_bytes(std::span(plain)));
+}
+
 }  // namespace
 
 std::string baseline_text(const BudgetOptions& options, const BudgetReport& report) {
@@ -104,6 +114,7 @@ Baseline read_baseline(const std::string& text, const std::string& name, const B
   }
   for (const Figure& figure : figures_of({}))
     if (!baseline.mean_ms.contains(figure.what)) throw refuse("has no line for " + figure.what);
+  if (!is_unchanged(text)) throw refuse("was changed since --save has written it: save it again");
   return baseline;
 }
 

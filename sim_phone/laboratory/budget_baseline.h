@@ -29,7 +29,7 @@ struct Baseline {
   std::map<std::string, double, std::less<>> mean_ms;  // by stage, and of tracking
 };
 // text: of an earlier baseline; name stands for it in messages. Throws InputError when it is none or not a whole one,
-// or was made with other stories or another seed or camera than the options.
+// was changed since, or was made with other stories or another seed or camera than the options.
 Baseline read_baseline(const std::string& text, const std::string& name, const BudgetOptions& options);
 
 struct BudgetChange {

@@ -75,9 +75,43 @@ TEST(Bits, AreTheSameOnEveryTarget) {
   EXPECT_GT(hashes.poses, 25) << "the run must have a map, or nothing is compared";
   ASSERT_EQ(hashes.frames, 0xec03541461a0277bu)
       << "the emulated phone's images differ: nothing can be said of the library";
-  EXPECT_EQ(hashes.results, 0xb277bd5063b8750cu);
+  EXPECT_EQ(hashes.results, 0x6eb1aab0844a1e43u);
 #ifndef PPTAM_EMULATED  // half a minute in emulation
   EXPECT_NE(run_and_hash(10).results, hashes.results) << "control: one pixel of one early frame";
+#endif
+}
+
+// The work clock's times are a function of the input too: frames arrive, are tracked, and mapping has the time between
+// them, as in the program's runs. This is what `pocket-ptam budget` tells.
+TEST(Bits, OfTheWorkClocksTimesAreTheSameOnEveryTarget) {
+  const auto times = [](float cycles_per_instruction) {
+    Config config = test::config_for(recording());
+    config.profile.cycles_per_instruction = cycles_per_instruction;
+    test::Phone phone(config);
+    WorkClock clock(phone->work_meter());
+    phone->set_clock(&clock);
+    phone->tap();
+    Trace trace;
+    for (int i = 0; i < recording().size(); ++i) {
+      const Frame frame = recording().frame(i);
+      int slices = 0;
+      for (; clock.now_ns() < frame.timestamp_ns && phone->has_work(); ++slices) phone->work_slice();
+      trace.add_value(clock.now_ns());
+      trace.add_value(slices);
+      clock.idle_until(frame.timestamp_ns);
+      const TrackResult result = phone->track(frame);
+      for (const int64_t ns : result.stage_ns) trace.add_value(ns);
+      trace.add_value(clock.now_ns());
+    }
+    test::Fnv hash;
+    hash.add(trace.bytes.data(), trace.bytes.size());
+    return hash.value();
+  };
+  const uint64_t hash = times(1.5f);
+  EXPECT_EQ(hash, 0xf2e90debbb938685u);
+#ifndef PPTAM_EMULATED
+  EXPECT_EQ(times(1.5f), hash) << "twice";
+  EXPECT_NE(times(1.501f), hash) << "control: a processor that is slower by a thousandth";
 #endif
 }
 

@@ -10,6 +10,7 @@
 #include <fstream>
 #include <iterator>
 #include <map>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -18,6 +19,7 @@
 #include "platform/run/trace.h"
 #include "platform/text.h"
 #include "sim_phone/laboratory/budget_baseline.h"
+#include "sim_phone/laboratory/phone_calibration.h"
 #include "sim_phone/phone_camera.h"
 #include "tests/support/scratch_folder.h"
 
@@ -127,6 +129,82 @@ TEST(PhoneProfiles, BadOnesAreRefusedWithTheReason) {
   EXPECT_THROW(load_phone("no_such_phone"), InputError);
 }
 
+// --------------------------------------------------------------------------------------------------------- calibration
+
+// Spans of a processor on which some kinds of work take longer than ARMv6 has them and others less.
+SpanWorks made_up_spans(const PhoneProfile& processor) {
+  SpanWorks spans;
+  const auto charge = [&](Span span, Work kind, double units) {
+    SpanWork& work = spans[static_cast<size_t>(span)];
+    const auto k = static_cast<size_t>(kind);
+    work.units[k] += units;
+    work.ns += units * static_cast<double>(processor.instructions[k]) *
+               static_cast<double>(processor.cycles_per_instruction) * 1e3 / static_cast<double>(processor.clock_mhz);
+  };
+  charge(Span::kPyramid, Work::kPyramidPixel, 1e6);
+  charge(Span::kPyramid, Work::kOther, 1e5);
+  charge(Span::kRotation, Work::kRotationPixel, 1e4);
+  charge(Span::kSearch, Work::kPatchWarp, 1e3);
+  charge(Span::kSearch, Work::kPatchCandidate, 5e4);
+  charge(Span::kSearch, Work::kOther, 2e6);
+  charge(Span::kPartial, Work::kPatchWarp, 1e3);
+  charge(Span::kPartial, Work::kPatchCandidate, 1e4);
+  charge(Span::kAdjust, Work::kBundleBlock, 1e4);
+  charge(Span::kAdjust, Work::kOther, 1e6);
+  charge(Span::kTidy, Work::kOther, 3e6);
+  return spans;
+}
+
+TEST(Calibrations, TellTheProcessorThatTookTheTimes) {
+  PhoneProfile truth;
+  truth.clock_mhz = 600;
+  truth.cycles_per_instruction = 0.8f;
+  for (const auto& [kind, factor] : {std::pair(Work::kPyramidPixel, 0.25f),
+                                     {Work::kPatchWarp, 2.0f},
+                                     {Work::kPatchCandidate, 0.5f},
+                                     {Work::kBundleBlock, 1.7f}})
+    truth.instructions[static_cast<size_t>(kind)] *= factor;
+  Calibration found;
+  found.measured = made_up_spans(truth);
+  found.processor = fit_processor(found.measured, 600);
+  double worst = 0;
+  for (int s = 0; s < kSpans; ++s) {
+    const double ns = found.measured[static_cast<size_t>(s)].ns;
+    if (ns > 0) worst = std::max(worst, std::abs(found.modelled_ns(static_cast<Span>(s)) / ns - 1));
+  }
+  EXPECT_LT(worst, 0.01);
+  const auto ns_of = [](const PhoneProfile& p, Work kind) {
+    return static_cast<double>(p.instructions[static_cast<size_t>(kind)] * p.cycles_per_instruction / p.clock_mhz);
+  };
+  for (const Work kind : {Work::kPatchWarp, Work::kPatchCandidate, Work::kBundleBlock, Work::kRotationPixel})
+    EXPECT_NEAR(ns_of(found.processor, kind) / ns_of(truth, kind), 1, 0.1) << work_name(kind);
+  // Control: ARMv6's own figures do not say the same.
+  PhoneProfile plain;
+  plain.clock_mhz = 600;
+  Calibration control = {plain, found.measured};
+  const auto searched = static_cast<size_t>(Span::kPyramid);
+  EXPECT_GT(std::abs(control.modelled_ns(Span::kPyramid) / found.measured[searched].ns - 1), 0.5);
+  EXPECT_THROW(fit_processor({}, 600), InputError);
+}
+
+TEST(Calibrations, AreWrittenAsProfiles) {
+  Calibration calibration;
+  calibration.processor = fit_processor(made_up_spans(PhoneProfile()), 412);
+  for (const char* like : {"iphone3g", "pi_zero", "desktop"}) {
+    const Phone before = load_phone(like);
+    const std::string text = profile_text(before, calibration);
+    EXPECT_TRUE(is_profile(std::as_bytes(std::span(text))));
+    const Phone phone = read_phone(text, "board.yaml");
+    EXPECT_NEAR(phone.processor.cycles_per_instruction, 1.5f, 1e-3f);
+    EXPECT_EQ(phone.width, before.width);
+    EXPECT_EQ(phone.readout_s, before.readout_s);
+    EXPECT_EQ(phone.readout_axis, before.readout_axis);
+    EXPECT_EQ(phone.display_ns, before.display_ns);
+    for (size_t k = 0; k < kWorkKinds; ++k)
+      EXPECT_NEAR(phone.processor.instructions[k] / PhoneProfile().instructions[k], 1, 1e-3) << k;
+  }
+}
+
 // ----------------------------------------------------------------------------------------------------------- baselines
 
 // A frame of 10 ms, of which most is search, and a keyframe's copy is next to nothing.
@@ -213,6 +291,7 @@ TEST(Baselines, OfSomethingElseAreRefused) {
   EXPECT_TRUE(holds(refused(with("\nsearch,", "\nsuch,"), options), "has no line for search"));
   EXPECT_EQ(refused(with("search,6.000000\n", "search,6.000000\r\n"), options), "accepted");
   EXPECT_TRUE(holds(refused(with("\nsearch,", "\nsearch,6\nsearch,"), options), "has two lines for search"));
+  EXPECT_TRUE(holds(refused(with("\nsearch,6.0", "\nsearch,9.0"), options), "was changed since --save has written it"));
   EXPECT_TRUE(holds(refused(with("\n# phone ", "\n# tablet "), options), "does not name its phone"));
   EXPECT_TRUE(holds(refused(text.substr(0, text.size() - 1), options), "its last line is cut off"));
   EXPECT_TRUE(holds(refused(text.substr(0, text.size() - 4), options), "its last line is cut off"));
@@ -330,6 +409,23 @@ TEST_F(PhoneBudget, ASlowdownFailsAndIsNamed) {
   EXPECT_EQ(other.code, 2) << other.out << other.err;
 }
 
+TEST_F(PhoneBudget, CalibratesThisComputer) {
+  const std::string calibrate = "budget --story desk_calm --calibrate ";
+  for (int round = 0; round < 2; ++round) {
+    const Answer answer = run(calibrate + "here.yaml --clock-mhz 2000");
+    ASSERT_EQ(answer.code, 0) << answer.err;
+    EXPECT_TRUE(holds(answer.out, "profile written to here.yaml")) << answer.out;
+  }
+  const Phone here = load_phone((folder_ / "here.yaml").string());
+  EXPECT_EQ(here.processor.clock_mhz, 2000);
+  const Answer budget = run("budget --story desk_calm --phone here.yaml");
+  EXPECT_TRUE(holds(budget.out, "calibrated by pocket-ptam")) << budget.out << budget.err;
+  write("here.yaml", read("here.yaml") + "# mine\n");
+  EXPECT_EQ(run(calibrate + "here.yaml").code, 2) << "somebody has changed it";
+  EXPECT_EQ(run(calibrate + "a.yaml --save b.csv").code, 2);
+  EXPECT_EQ(run("budget --clock-mhz 100 --story desk_calm").code, 2);
+}
+
 TEST_F(PhoneBudget, BadInputIsToldBeforeAnythingIsDone) {
   write("notes.csv", "mine\n");
   write("bad.yaml", "processor: 1\n");
@@ -418,6 +514,21 @@ TEST(Traces, EndWhereTheyBecomeTooLong) {
   EXPECT_EQ(log.trace[1].value, 1);
   ASSERT_EQ(log.warnings.size(), 1u);
   EXPECT_EQ(log.warnings[0], "the trace ends at 2.0 s: too long, 2 events were kept");
+}
+
+TEST_F(PhoneBudget, ATraceMayLieInTheFolderOfResults) {
+  const std::string sim = "sim --duration 1 --no-overlay --no-report --out run ";
+  for (const char* which : {"the folder is made", "it is there, with an earlier trace"}) {
+    const Answer answer = run(sim + "--trace run/t.json");
+    EXPECT_EQ(answer.code, 0) << which << ": " << answer.err;
+    EXPECT_TRUE(YAML::Load(read("run/t.json"))["traceEvents"].IsSequence()) << which;
+    EXPECT_FALSE(read("run/frames.csv").empty());
+  }
+  for (const char* elsewhere : {"--trace other/t.json", "--trace run/below/t.json", "--trace other/run/t.json"}) {
+    const Answer answer = run(sim + elsewhere);
+    EXPECT_EQ(answer.code, 2) << elsewhere;
+    EXPECT_TRUE(holds(answer.err, "there is no folder")) << answer.err;
+  }
 }
 
 struct SpanSeen {

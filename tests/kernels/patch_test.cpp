@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/LU>
+#include <algorithm>
 #include <climits>
 #include <cstdio>
 #include <cstring>
@@ -73,6 +74,29 @@ double largest_warp_error(Random& random, const GreyView& image, double referenc
   }
   EXPECT_GT(inside, 50);
   return worst;
+}
+
+// Every sum that there can be, by every number of templates, as a division has it.
+TEST(TemplateMean, IsRoundedAsADivision) {
+  for (int count = 1; count <= TemplateMean::kMost; ++count) {
+    PatchTemplate patch;
+    for (int sum = 0; sum <= 255 * count; sum += static_cast<int>(sizeof patch.px)) {
+      TemplateMean mean;
+      for (int n = 0; n < count; ++n) {
+        for (int k = 0; k < static_cast<int>(sizeof patch.px); ++k)  // adds up to sum + k, 255 at once
+          patch.px[k] = static_cast<uint8_t>(std::clamp(sum + k - 255 * n, 0, 255));
+        mean.add(patch);
+      }
+      mean.write(count, &patch);
+      for (int k = 0; k < static_cast<int>(sizeof patch.px) && sum + k <= 255 * count; ++k)
+        ASSERT_EQ(patch.px[k], (sum + k + count / 2) / count) << sum + k << " by " << count;
+      PatchTemplate added = patch;
+      added.sum = added.sum_sq = -1;
+      added.add_up();
+      ASSERT_EQ(patch.sum, added.sum);
+      ASSERT_EQ(patch.sum_sq, added.sum_sq);
+    }
+  }
 }
 
 TEST(PatchWarp, IdentityCopiesPixelsUpToTheBorder) {

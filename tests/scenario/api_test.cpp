@@ -341,6 +341,17 @@ TEST(Api, ProfilesThatGiveNoTimeAreRefused) {
     config.profile.clock_mhz = bad;
     EXPECT_FALSE(config.validate().ok()) << "clock " << bad;
   }
+  // Such work would soon be more than the meter's sum holds.
+  for (const Work work : {Work::kGreyPixel, Work::kPyramidPixel, Work::kKeyframePixel}) {
+    Config absurd = test::config_for(desk_recording());
+    absurd.profile.instructions[static_cast<size_t>(work)] = 1e4f;
+    EXPECT_TRUE(absurd.validate().ok()) << absurd.validate().message();
+    absurd.profile.instructions[static_cast<size_t>(work)] = 5e4f;
+    EXPECT_FALSE(absurd.validate().ok());
+  }
+  Config dear = test::config_for(desk_recording());
+  dear.profile.instructions[static_cast<size_t>(Work::kPatchWarp)] = 1.1e5f;
+  EXPECT_FALSE(dear.validate().ok());
   Config config = test::config_for(desk_recording());
   config.max_new_partial_points = 1000000;
   EXPECT_FALSE(config.validate().ok()) << "the message says 0 to 1000";

@@ -273,10 +273,10 @@ TEST(System, HostileFramesAreNotBelieved) {
   }
 }
 
-TEST(System, ThePhoneFitsInTwelveMegabytes) {
+TEST(System, ThePhoneFitsInTenAndAHalfMebibytes) {
   const size_t bytes = System::required_bytes(Config::phone(test::phone_camera()));
   EXPECT_GT(bytes, 35u * 240 * 320) << "the keyframes' images alone take that";
-  EXPECT_LE(bytes, 12u << 20);
+  EXPECT_LE(bytes, 21u << 19);
   RecordProperty("bytes", std::to_string(bytes));
 }
 
