@@ -184,7 +184,7 @@ Task<bool> EpipolarPoints::locate(int keyframe, const Corner& corner, Candidate*
   candidate->p_w = candidate->at(mean_q_);
   PredictedPoint predicted;
   meter_.charge(Work::kOther, kPredictionInstructions + kExposureInstructions + kLineAffinityInstructions);
-  if (!predict_in_keyframe(map_, camera, other_, candidate->p_w, &predicted)) co_return false;
+  if (!predict_in_keyframe(map_, config_, other_, candidate->p_w, &predicted)) co_return false;
   Matrix2f A_t_s;
   if (!patch_affinity(camera, frame.T_kw * candidate->p_w, candidate->source.normal,
                       predicted.T_cw * frame.T_kw.inverse(), &A_t_s))
@@ -272,7 +272,7 @@ Task<> EpipolarPoints::add(int keyframe, const Candidate& candidate) {
     PredictedPoint predicted;
     if (k == keyframe || k == other_ || !map_.keyframes()[k].live()) continue;
     co_await background_.spend(Work::kOther, kPredictionInstructions);
-    if (!predict_in_keyframe(map_, config_.camera, k, candidate.p_w, &predicted)) continue;
+    if (!predict_in_keyframe(map_, config_, k, candidate.p_w, &predicted)) continue;
     Seen seen;
     seen.keyframe = static_cast<int16_t>(k);
     const SearchOutcome outcome =

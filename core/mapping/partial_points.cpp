@@ -114,12 +114,10 @@ bool PartialPoints::promote(int i, int keyframe) {
   map_.count_partial_search(i, outcome == SearchOutcome::kFound);
   if (outcome == SearchOutcome::kNotFound) return true;
   meter_.charge(Work::kOther, kTriangulationInstructions);
-  const PointMeasurements measured{partial.source.keyframe,
-                                   keyframe,
-                                   partial.source.px,
-                                   found.px,
-                                   kMeasurementNoise_px * config_.px_scale(),
-                                   kMaxPromotionError_px * config_.px_scale()};
+  const float noise_px = kMeasurementNoise_px * config_.px_scale();
+  const float max_error_px = kMaxPromotionError_px * config_.px_scale();
+  const PointMeasurements measured{
+      partial.source.keyframe, keyframe, partial.source.px, found.px, noise_px, max_error_px};
   const PointDepth depth = triangulate_point(map_, camera, measured, &p_w);
   if (depth == PointDepth::kOffTheLine) map_.count_partial_search(i, false);  // a wrong match
   if (depth != PointDepth::kKnown) return true;

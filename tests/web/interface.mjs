@@ -136,7 +136,7 @@ refused(() => system.keyframeImage(7), c.PPTAM_INVALID_ARGUMENT, /./);
 // ---- A run with a map: lists, tracer, clock, saving and loading.
 if (existsSync(recordingFile)) {
   const recording = readFileSync(recordingFile);
-  const headBytes = structures.pptam_camera.bytes + 8;
+  const headBytes = structures.pptam_camera.bytes + 16 + structures.pptam_pose.bytes;
   const pixels = 240 * 320;
   const frame = (/** @type {number} */ i, shift = 0n) => {
     const at = headBytes + i * (8 + pixels);

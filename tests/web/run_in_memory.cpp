@@ -1,16 +1,16 @@
-// The run of tests/bare_metal in WebAssembly: JavaScript puts the recording behind __heap_base, calls run(), and reads
+// The run of tests/bits in WebAssembly: JavaScript puts the recording behind __heap_base, calls run(), and reads
 // what was said.
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
 
-#include "tests/bare_metal/run.h"
+#include "tests/bits/run.h"
 
 namespace pptam::test {
 namespace {
 
 const uint8_t *next, *end;  // of the recording
-char said[4096];
+char said[128 * 1024];
 size_t said_bytes = 0;
 
 bool read(void* to, size_t bytes) {
@@ -24,8 +24,8 @@ void say(const char* text) {
   while (*text != '\0' && said_bytes + 1 < sizeof said) said[said_bytes++] = *text++;
 }
 
-alignas(std::max_align_t) std::byte block[7 * 1024 * 1024];
-uint8_t image[320 * 240];
+alignas(std::max_align_t) std::byte block[kBlockBytes];
+uint8_t image[kImageBytes];
 
 }  // namespace
 }  // namespace pptam::test

@@ -1,4 +1,4 @@
-// Runs run_in_memory.cpp on a recording and prints what it says, as the programs of tests/bare_metal do:
+// Runs run_in_memory.cpp on a recording and prints what it says, as the programs of tests/bits do:
 //
 //   node run_in_memory.mjs PROGRAM.wasm RECORDING [CHANGED_FRAME]
 import {readFileSync} from 'node:fs';

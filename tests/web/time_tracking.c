@@ -1,4 +1,4 @@
-// How long pptam_track() takes on this computer: time_tracking RECORDING, one of tests/bare_metal. The recording is
+// How long pptam_track() takes on this computer: time_tracking RECORDING, one of tests/bits. The recording is
 // tracked again and again; of each tracked frame the shortest time counts, so that what else the computer does matters
 // little. Prints the mean of these in microseconds, that of mapping after each frame, how many frames there are, and
 // the hash of the map: the same run as track_time.mjs.
@@ -23,7 +23,8 @@ int main(int argc, char** argv) {
   struct {
     pptam_camera camera;
     float exposure_s;
-    int32_t frames;
+    int32_t frames, tracked, tells_stages;
+    pptam_pose start;
   } head;
   FILE* file = argc == 2 ? fopen(argv[1], "rb") : NULL;
   if (!file || fread(&head, sizeof head, 1, file) != 1) return fprintf(stderr, "usage: time_tracking RECORDING\n"), 2;

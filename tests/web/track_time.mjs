@@ -10,7 +10,9 @@ const now_us = () => Number(process.hrtime.bigint()) / 1000;
 
 const recording = readFileSync(process.argv[3]);
 const ptam = await PocketPtam.load(readFileSync(process.argv[2]));
-const {bytes} = ptam.instance.layout.structures.pptam_camera;
+const {pptam_camera, pptam_pose} = ptam.instance.layout.structures;
+const {bytes} = pptam_camera;
+const headBytes = bytes + 16 + pptam_pose.bytes;
 const at = ptam.instance.allocate(bytes);
 ptam.instance.bytes(at, bytes).set(recording.subarray(0, bytes));
 const camera = ptam.instance.read('pptam_camera', at);
@@ -26,7 +28,7 @@ for (let run = 0; run < kRuns; ++run) {
   system.tap();
   const {pptam_track} = system.instance.functions;
   let tracked = 0;
-  for (let offset = bytes + 8; offset + 8 + pixels <= recording.length; offset += 8 + pixels) {
+  for (let offset = headBytes; offset + 8 + pixels <= recording.length; offset += 8 + pixels) {
     const data = recording.subarray(offset + 8, offset + 8 + pixels);
     const times = [now_us()];
     const place = system.room.put({data, timestamp_ns: recording.readBigInt64LE(offset)});
