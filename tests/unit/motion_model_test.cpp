@@ -8,6 +8,7 @@
 #include <cmath>
 #include <cstring>
 
+#include <pocket_ptam/config.h>
 #include "tests/support/phone_camera.h"
 #include "tests/support/random.h"
 
@@ -180,7 +181,8 @@ TEST(MotionModel, WithoutASeenRotationItsOwnVelocityTurns) {
 // prediction is, bit for bit, the one of a frame whose rotation was not seen.
 TEST(MotionModel, ASurprisingRotationCanBeDisregarded) {
   test::Random random;
-  const Camera camera{test::phone_camera(), test::phone_shutter()};
+  Config config = Config::phone(test::phone_camera());
+  config.camera.shutter = test::phone_shutter();
   const Vector6f velocity = random_twist(random, 0.2, 0.3);
   Flight told(SE3::exp(random_twist(random, 1, 1)), velocity, kFrame_s);
   told.fly(5);
@@ -189,14 +191,14 @@ TEST(MotionModel, ASurprisingRotationCanBeDisregarded) {
     MotionModel fooled = told.motion, blind = told.motion;
     RotationEstimate rotation = seen_rotation(told.T_cp);
     fooled.begin_frame(kFrame_s, true);
-    const Matrix3f off = so3_exp(Vector3f(0, off_px / camera.model.fx, 0));
+    const Matrix3f off = so3_exp(Vector3f(0, off_px / config.camera.model.fx, 0));
     rotation.R_cp = off * fooled.expected_motion().R;
     fooled.turn(&rotation);
-    EXPECT_EQ(fooled.rotation_surprises(camera), off_px > 8) << off_px;
+    EXPECT_EQ(fooled.rotation_surprises(config), off_px > 8) << off_px;
     rotation.ok = false;
     blind.begin_frame(kFrame_s, true);
     blind.turn(&rotation);
-    EXPECT_FALSE(blind.rotation_surprises(camera));
+    EXPECT_FALSE(blind.rotation_surprises(config));
     EXPECT_FALSE(same_bits(fooled.T_predicted(), blind.T_predicted()));
     fooled.disregard_rotation();
     EXPECT_TRUE(same_bits(fooled.T_predicted(), blind.T_predicted()));
