@@ -1,6 +1,6 @@
-// SSE2's vectors of 128 bits, PPTAM_SSE2 where there are any: on x86-64 the compiler's, in WebAssembly with such vectors
-// (-msimd128) those that the core uses, made of its own. So a loop is written by hand once for both. With PPTAM_PLAIN
-// there are none.
+// SSE2's vectors of 128 bits, PPTAM_SSE2 where there are any: on x86-64 the compiler's, in WebAssembly with such
+// vectors (-msimd128) those that the core uses, made of its own. So a loop is written by hand once for both. With
+// PPTAM_PLAIN there are none.
 //
 // Every function gives the bits of Intel's, but for _mm_sad_epu8(), whose second argument must be zero.
 #pragma once
