@@ -212,7 +212,7 @@ void CornerDetector::order_round() {
 
 bool CornerDetector::apart(int x, int y) const {
   const int distance = kMinDistance << finest_scored_;
-  return std::none_of(taken_.begin(), taken_.end(), [&](const Corner& other) {
+  return std::none_of(taken_.begin(), taken_.end(), [&](const Position& other) {
     const int dy = other.y - y;
     if (dy >= distance || dy <= -distance) return false;
     const int dx = other.x - x;
@@ -243,7 +243,7 @@ bool CornerDetector::follow(const Maximum& maximum, Corner* corner) {
   }
   if (score < params_.min_score || !apart(x, y)) return false;
   *corner = {static_cast<int16_t>(x), static_cast<int16_t>(y), std::min(maximum.score, score)};
-  taken_.push_back(*corner);
+  taken_.push_back({corner->x, corner->y});
   return true;
 }
 

@@ -77,6 +77,9 @@ class CornerDetector {
     if (a.score != b.score) return a.score > b.score;
     return a.y != b.y ? a.y < b.y : a.x < b.x;
   }
+  struct Position {  // level-0 pixels
+    int16_t x = 0, y = 0;
+  };
   void start_level(int level);
   void score_row();
   void order_round();
@@ -95,7 +98,7 @@ class CornerDetector {
   FixedVector<float> score_;           // of each pixel, grey^2/px^2
   FixedVector<StructureTensor> rows_;  // sums over 3 columns, of the last three rows
   FixedVector<Maximum> maxima_;
-  FixedVector<Corner> taken_;  // corners found since start()
+  FixedVector<Position> taken_;  // of the corners found since start()
   Pyramid pyramid_;
   CornerParams params_;
   int level_ = 0;                           // being scored

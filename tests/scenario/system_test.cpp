@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <functional>
 #include <tuple>
 #include <utility>
@@ -206,7 +207,7 @@ TEST(System, HostileFramesAreNotBelieved) {
     std::vector<TrackResult> results;
     const auto step = [&](Frame frame) {
       const TrackResult result = phone->track(frame);
-      for (int i = 0; i < 60 && phone->has_work(); ++i) phone->work_slice();
+      phone.drain();
       return result;
     };
     for (int i = 0; i < recording.size(); ++i) {
@@ -267,6 +268,9 @@ TEST(System, HostileFramesAreNotBelieved) {
     const size_t later = kFirst + 15;
     EXPECT_TRUE(results[later].pose_valid);
     const float distance = std::abs(control[later].T_cw.centre().z());
+    std::printf(
+        "  %s: off by %.2f %%\n", hostile_case.name,
+        static_cast<double>(100 * (results[later].T_cw.centre() - control[later].T_cw.centre()).norm() / distance));
     EXPECT_LT((results[later].T_cw.centre() - control[later].T_cw.centre()).norm(), 0.02f * distance);
     EXPECT_GT((results[later].T_cw.centre() - control[kFirst - 40].T_cw.centre()).norm(), 0.02f * distance)
         << "control: the measure can fail";

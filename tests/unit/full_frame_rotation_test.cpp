@@ -81,6 +81,7 @@ Small render_quarter(const Value& value, double noise, test::Random& random) {
   half_sample({frame.data(), kQuarterWidth, kQuarterHeight, kQuarterWidth}, {half.data(), 30, 40, 30});
   half_sample({half.data(), 30, 40, 30}, {level_4.data(), 15, 20, 15});
   Pyramid pyramid;
+  pyramid.level[0] = {nullptr, kWidth, kHeight, kWidth};  // only its size is asked for
   pyramid.level[4] = {level_4.data(), 15, 20, 15};
   Small small;
   make_small_image(pyramid, {small.pixels.data(), 15, 20, 15});
@@ -171,6 +172,7 @@ TEST(FullFrameRotation, LargerImagesAreMadeSmaller) {
       return texture(R_wc * camera.unproject(px).homogeneous().cast<double>().normalized());
     });
     Pyramid pyramid;
+    pyramid.level[0] = {nullptr, kWidth, kHeight, kWidth};
     pyramid.level[4] = level_4.view();
     make_small_image(pyramid, small.image());
     return small;
