@@ -23,7 +23,7 @@ microcontroller_packages=(                              # the core without an op
   gcc-arm-none-eabi libnewlib-arm-none-eabi libstdc++-arm-none-eabi-newlib qemu-system-arm
 )
 web_packages=(                                          # the library for browsers (toolchains/wasm32.cmake)
-  clang-19 lld-19 libclang-rt-19-dev-wasm32 libc++-19-dev-wasm32 wasi-libc nodejs
+  clang-19 lld-19 libclang-rt-19-dev-wasm32 libc++-19-dev-wasm32 wasi-libc nodejs brotli
 )
 browser_packages=(chromium firefox-esr node-typescript)  # tests/web: the page in browsers, the types for editors
 board_packages=(                                        # toolchains/board.cmake cross-builds the program

@@ -47,6 +47,9 @@ inline void _mm_storeu_ps(float* to, __m128 v) {
 inline __m128i _mm_setzero_si128() {
   return wasm_i64x2_const(0, 0);
 }
+inline __m128i _mm_set1_epi8(char value) {
+  return wasm_i8x16_splat(value);
+}
 inline __m128i _mm_set1_epi16(int16_t value) {
   return wasm_i16x8_splat(value);
 }
@@ -111,6 +114,24 @@ inline __m128i _mm_mullo_epi16(__m128i a, __m128i b) {
 }
 inline __m128i _mm_madd_epi16(__m128i a, __m128i b) {
   return wasm_i32x4_dot_i16x8(a, b);
+}
+inline __m128i _mm_adds_epu8(__m128i a, __m128i b) {
+  return wasm_u8x16_add_sat(a, b);
+}
+inline __m128i _mm_subs_epu8(__m128i a, __m128i b) {
+  return wasm_u8x16_sub_sat(a, b);
+}
+inline __m128i _mm_max_epu8(__m128i a, __m128i b) {
+  return wasm_u8x16_max(a, b);
+}
+inline __m128i _mm_min_epu8(__m128i a, __m128i b) {
+  return wasm_u8x16_min(a, b);
+}
+inline __m128i _mm_cmpeq_epi8(__m128i a, __m128i b) {
+  return wasm_i8x16_eq(a, b);
+}
+inline int32_t _mm_movemask_epi8(__m128i v) {
+  return static_cast<int32_t>(wasm_i8x16_bitmask(v));
 }
 inline __m128i _mm_sad_epu8(__m128i v, __m128i /*zero*/) {
   const __m128i fours = wasm_u32x4_extadd_pairwise_u16x8(wasm_u16x8_extadd_pairwise_u8x16(v));

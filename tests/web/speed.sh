@@ -5,7 +5,7 @@
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 
-times=${1:-7} recording=build/recordings/desk.frames native=build/speed
+times=${1:-7} recording=build/recordings/board/desk.frames native=build/speed
 cmake -S . -B "$native" -G Ninja -D CMAKE_BUILD_TYPE=Release -D PPTAM_UNITY=ON -D PPTAM_BUILD_PROGRAM=OFF >/dev/null
 cmake --build "$native" --target pptam_core >/dev/null
 cc -O2 tests/web/time_tracking.c -Icore "$native/core/libpocket-ptam.a" -lm -o "$native/time_tracking"

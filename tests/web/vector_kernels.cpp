@@ -92,6 +92,15 @@ bool patches() {
   return same(&plain_sums, &found, sizeof found);
 }
 
+bool fast_rows() {
+  const uint8_t* row = image + 20 * kStride;
+  const auto threshold = static_cast<int>(random_bits() % 60);
+  int16_t plain_out[kStride] = {}, out[kStride] = {};
+  const int plain_count = plain::fast_row(row, kStride, kFastRadius, kStride - 1 - kFastRadius, threshold, plain_out);
+  const int count = kernel::fast_row(row, kStride, kFastRadius, kStride - 1 - kFastRadius, threshold, out);
+  return plain_count == count && same(plain_out, out, sizeof out);
+}
+
 bool products() {
   constexpr int kDepth = 12;
   float a[kBlock * kDepth], b[kBlock * kDepth], plain_c[kBlockNumbers], c[kBlockNumbers];
@@ -115,5 +124,6 @@ extern "C" [[gnu::visibility("default"), gnu::used]] int vector_kernels(uint32_t
   if (!half_rows()) return 1;
   if (!sums<2>() || !sums<3>()) return 2;
   if (!patches()) return 3;
-  return products() ? 0 : 4;
+  if (!fast_rows()) return 4;
+  return products() ? 0 : 5;
 }
