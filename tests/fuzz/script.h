@@ -31,7 +31,7 @@ class Script {
   T take() {
     T value = {};
     const size_t bytes = std::min(size_, sizeof value);
-    std::memcpy(static_cast<void*>(&value), data_, bytes);
+    if (bytes > 0) std::memcpy(static_cast<void*>(&value), data_, bytes);  // an empty input's data_ is null
     data_ += bytes;
     size_ -= bytes;
     return value;
