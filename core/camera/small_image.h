@@ -1,6 +1,6 @@
 // Small blurred images: level 4 of the pyramid (of a tiny camera level 3) with a 3x3 binomial blur, made by
-// make_small_image() of image/pyramid.h.
-// Full-frame rotation aligns two of them; the relocaliser compares them [ptam 5.6].
+// make_small_image() of image/pyramid.h. Full-frame rotation aligns two of them; the relocaliser compares them
+// [ptam 5.6].
 #pragma once
 
 #include "image/pyramid.h"

@@ -302,7 +302,9 @@ int Map::drop_keyframes_since(uint32_t id) {
     forget_keyframe(k);
     ++dropped;
   }
-  if (dropped > 0) ++epoch_;
+  if (dropped == 0) return 0;
+  full_ = false;
+  ++epoch_;
   return dropped;
 }
 

@@ -348,7 +348,9 @@ TEST_F(MapTest, KeyframesSinceAnIdAreDropped) {
   map_.queue().release();
   EXPECT_NE(map_.hash(), before) << "control";
 
+  map_.set_full(true);
   EXPECT_EQ(map_.drop_keyframes_since(id), 3);
+  EXPECT_FALSE(map_.full()) << "there is room again";
   map_.check_consistency();
   EXPECT_EQ(map_.hash(), before);
   EXPECT_EQ(map_.live_count(), 3);
