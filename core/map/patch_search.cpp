@@ -68,11 +68,14 @@ bool patch_affinity(const Camera& camera, const Vector3f& p_s, const Vector3f& n
   return A_t_s->allFinite();
 }
 
-int own_level(const Matrix2f& A_t_s, int source_level) {
-  float area = A_t_s.determinant() * static_cast<float>(1 << (2 * source_level));  // level-0 pixels
+int level_of_area(float area) {
   int level = 0;
   for (; area > kCoarserArea && level < kPointLevels - 1; ++level) area *= kAreaPerLevel;
   return level;
+}
+
+int own_level(const Matrix2f& A_t_s, int source_level) {
+  return level_of_area(A_t_s.determinant() * static_cast<float>(1 << (2 * source_level)));
 }
 
 int streak_parts(const Vector2f& streak_px, int level) {

@@ -42,6 +42,8 @@ enum class SearchOutcome : uint8_t {
 // target sees the plane at over 75 degrees from its normal.
 bool patch_affinity(const Camera& camera, const Vector3f& p_s, const Vector3f& n_s, const SE3& T_ts, Matrix2f* A_t_s);
 
+// The level, of kPointLevels, whose pixels have about this area, level-0 pixels.
+int level_of_area(float area);
 // The level of the target in which a pixel of the source's level covers about one pixel [ptam 5.3].
 int own_level(const Matrix2f& A_t_s, int source_level);
 

@@ -27,7 +27,7 @@ class EpipolarPoints final : public PointSource {
   FrameStack& frames() { return background_.frames(); }
 
  private:
-  static constexpr int kMaxSteps = 400;  // positions of one line; a longer one is walked around the mean depth only
+  static constexpr int kMaxSteps = 400;  // positions of one line; a longer one is walked in larger steps
   struct Candidate {
     PatchSource source;
     Vector3f ray = Vector3f::UnitZ();  // of the source's pixel, in the frame of exposed_pose()

@@ -167,9 +167,11 @@ void HomographyInitialiser::constrain(const FrameInput& frame, const Matrix3f& R
   const bool planar = most_fit && tracker_.sigma_px() < px(kMaxPlanarSigma_px);
   const bool certainly_planar = planar && tracker_.sigma_px() < px(kCertainPlanarSigma_px);
   const Vector3f rotation_rate = so3_log(R_cp) / dt_s;
-  const bool turns = decomposition.pure_rotation || decomposition.count == 0 ||
-                     focal_of_rotation(tracker_.H(), kMaxWrongFocal, kPureRotationTolerance) > 0;
-  if (planar && turns) {
+  const auto turns_only = [&] {
+    return decomposition.pure_rotation || decomposition.count == 0 ||
+           focal_of_rotation(tracker_.H(), kMaxWrongFocal, kPureRotationTolerance) > 0;
+  };
+  if (planar && turns_only()) {
     if (sharp && so3_log(orthonormalised(tracker_.H())).norm() > kMaxPureTurn_rad) report_.hint = Hint::kOnlyRotating;
     report_.progress = information_ = 0;
     renew_first_view(frame, rotation_rate);

@@ -23,15 +23,8 @@ constexpr float kPriorFound = 2.0f, kPriorAttempts = 3.0f;
 constexpr float kMeasurementBonus = 0.1f;
 constexpr int kMaxBonusMeasurements = 6;
 // With levels of their own: area of a pixel of the point's level in the present image, level-0 pixels, where a patch
-// faces both cameras. Beyond these no level shows it at a suitable scale [ptam 5.3: a factor of 4]; above twice a
-// level's area the next coarser one is nearer.
+// faces both cameras. Beyond these no level shows it at a suitable scale [ptam 5.3: a factor of 4].
 constexpr float kMinPatchArea = 0.25f, kMaxPatchArea = 4.0f * (1 << (2 * (kPointLevels - 1)));
-
-int expected_level(float area) {
-  int level = 0;
-  for (; area > 2 && level < kPointLevels - 1; ++level) area *= 0.25f;
-  return level;
-}
 
 }  // namespace
 
@@ -63,7 +56,7 @@ void PointSelection::find_visible(const Map& map, const SE3& T_cw) {
     if (config_.own_levels) {
       const float area = source_sq / here_sq * static_cast<float>(1 << (2 * point.source.level));
       if (!(area > kMinPatchArea && area < kMaxPatchArea)) continue;
-      level = expected_level(area);
+      level = level_of_area(area);
     } else if (here_sq < kMinScale * kMinScale * source_sq || here_sq > kMaxScale * kMaxScale * source_sq) {
       continue;
     }
