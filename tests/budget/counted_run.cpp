@@ -3,9 +3,12 @@
 //   counted_run NAME            "desk", as other tests here keep it, or one of the stories
 //
 // On an emulated ARM1176 with the counting plugin the scheduler runs at the iPhone 3G's speed: frames arrive, are
-// tracked or dropped, and mapping gets what is left, by what the processor has really executed. What the work clock
-// tells of the run is held against that. Elsewhere the frames are rendered and kept for it (kept_recording.h), and
-// nothing else. tests/budget/counted_run.sh runs both.
+// tracked or dropped, and mapping gets what is left, by what the processor has really executed. Two runs by the work
+// clock are held against that. One does the same frames and the same slices, so that its map must be equal to the last
+// bit and each stage's charge is compared with what that very work has cost. The other lives in its own time, as
+// `pocket-ptam budget` does: between frames other slices are run, so that maps differ, and the whole is compared.
+// Elsewhere the frames are rendered and kept for it (kept_recording.h), and nothing else. tests/budget/counted_run.sh
+// runs both.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -18,6 +21,7 @@
 #include <pocket_ptam/pocket_ptam.h>
 #include "platform/run/names.h"
 #include "platform/run/run.h"
+#include "platform/run/session.h"
 #include "platform/run/statistics.h"
 #include "sim_phone/story.h"
 #include "tests/budget/count_table.h"
@@ -57,10 +61,10 @@ class CountedClock final : public Clock {
 struct Figure {
   std::string name;
   double ms = 0;
-  bool judged = true;
 };
 
-// Means and percentiles of a run, ms a frame.
+// Means and percentiles of a run, ms a frame: the first four of the whole, then each stage and job.
+constexpr size_t kOfTheWhole = 4;
 std::vector<Figure> figures_of(const RunLog& log) {
   std::vector<double> track_ms;
   double stage_ms[kStages] = {}, job_ms[platform::kJobs] = {}, all_ms = 0, mapping_ms = 0;
@@ -83,13 +87,37 @@ std::vector<Figure> figures_of(const RunLog& log) {
   return figures;
 }
 
-RunLog run(const test::Recording& recording, std::function<std::unique_ptr<Clock>()> make_clock) {
+platform::RunOptions phone_options() {
   platform::RunOptions options;
   options.capture_ns = kCapture_ns;
   options.display_ns = kDisplay_ns;
+  return options;
+}
+
+RunLog run(const test::Recording& recording, std::function<std::unique_ptr<Clock>()> make_clock) {
+  platform::RunOptions options = phone_options();
   options.make_clock = std::move(make_clock);
   test::Replay camera(recording);
   return platform::run_sequence(camera, options, [](const platform::CameraInfo&) {}, {});
+}
+
+// The frames, slices and taps of a run once more, in the work clock's time.
+RunLog repeat(const test::Recording& recording, const RunLog& done) {
+  const platform::RunOptions options = phone_options();
+  const platform::Session session = platform::make_session(recording.info, options);
+  RunLog log;
+  log.dropped = done.dropped;
+  for (const FrameLog& frame : done.frames) {
+    for (int s = 0; s < frame.idle_slices; ++s) session.system->work_slice();
+    if (log.frames.empty() || log.frames.back().state == TrackingState::kWaiting) session.system->tap();
+    const int64_t start_ns = session.clock->now_ns();
+    FrameLog entry = platform::log_of(session.system->track(recording.frame(frame.index)));
+    entry.track_ns = session.clock->now_ns() - start_ns;
+    session.tracer->take(&entry);
+    log.frames.push_back(entry);
+  }
+  platform::take_map(*session.system, options, &log);
+  return log;
 }
 
 int poses_of(const RunLog& log) {
@@ -97,14 +125,12 @@ int poses_of(const RunLog& log) {
       std::count_if(log.frames.begin(), log.frames.end(), [](const FrameLog& f) { return f.pose_valid; }));
 }
 
-// The exit code.
-int compare(const test::Recording& recording) {
-  const RunLog counted = run(recording, [] { return std::make_unique<CountedClock>(); });
-  const RunLog modelled = run(recording, nullptr);
+// Prints so many figures; returns how many are off.
+int compare(const RunLog& counted, const RunLog& modelled, size_t figures) {
   const std::vector<Figure> executed = figures_of(counted), charged = figures_of(modelled);
   std::printf("%-18s %10s %10s %8s\n", "ms a frame", "counted", "work", "ratio");
   int wrong = 0;
-  for (size_t i = 0; i < executed.size(); ++i) {
+  for (size_t i = 0; i < figures; ++i) {
     if (executed[i].ms <= 0) continue;
     const double ratio = charged[i].ms / executed[i].ms;
     const bool judged = executed[i].ms > kSmall * (executed[0].ms + executed[3].ms);
@@ -117,6 +143,22 @@ int compare(const test::Recording& recording) {
               static_cast<int>(counted.frames.size()), static_cast<int>(modelled.frames.size()), counted.dropped,
               modelled.dropped, poses_of(counted), poses_of(modelled),
               static_cast<unsigned long long>(counted.map_hash), static_cast<unsigned long long>(modelled.map_hash));
+  return wrong;
+}
+
+// The exit code.
+int compare_clocks(const test::Recording& recording) {
+  const RunLog counted = run(recording, [] { return std::make_unique<CountedClock>(); });
+  const RunLog repeated = repeat(recording, counted);
+  std::printf("the same frames and slices\n");
+  int wrong = compare(counted, repeated, kOfTheWhole + kStages + platform::kJobs);
+  if (counted.map_hash != repeated.map_hash || poses_of(counted) != poses_of(repeated)) {
+    std::printf("FAILED: the same work has another result\n");
+    ++wrong;
+  }
+  const RunLog modelled = run(recording, nullptr);
+  std::printf("each clock's own slices\n");
+  wrong += compare(counted, modelled, kOfTheWhole);
   if (counted.dropped != modelled.dropped || 2 * poses_of(counted) < recording.size()) {
     std::printf("FAILED: frames dropped by one clock alone, or hardly any pose\n");
     ++wrong;
@@ -135,7 +177,7 @@ int main(int argc, char** argv) {
   }
   const pptam::test::Recording recording = pptam::test::kept_recording(
       name, name == "desk" ? pptam::test::desk_options() : pptam::sim::phone_for_story(name, 1));
-  if (pptam::test::kPhone && pptam::test::counter_available()) return pptam::compare(recording);
+  if (pptam::test::kPhone && pptam::test::counter_available()) return pptam::compare_clocks(recording);
   std::printf("%d frames; nothing counts instructions here\n", recording.size());
   return 77;
 }

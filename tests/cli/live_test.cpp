@@ -25,6 +25,7 @@
 #include <utility>
 #include <vector>
 
+#include "platform/calibrate/camera_fit.h"
 #include "platform/camera/dump_sequence.h"
 #include "platform/run/live_recording.h"
 #include "platform/run/pose_lines.h"
@@ -602,6 +603,35 @@ TEST_F(Live, MappingGoesOnWithoutAnyIdleTime) {
     slices += frame.idle_slices;
   }
   EXPECT_GT(slices, 20);
+}
+
+// What `live` looks at when it ends: the points' tracks against the camera that it was told of.
+TEST_F(Live, AWrongCameraIsDoubted) {
+  sim::PhoneOptions phone;
+  phone.duration_s = 12;
+  test::Recording recording = test::record(phone);
+  const float true_focal = recording.info.model.fx;
+  for (const float told : {1.0f, 0.7f}) {
+    recording.info.model.fx = recording.info.model.fy = told * true_focal;
+    HastyCamera camera(recording, 1);
+    PointTracks tracks;
+    LiveObserver observer;
+    observer.on_start = [](const CameraInfo&) {};
+    observer.on_result = [&](const TrackResult& result, int64_t) {
+      tracks.add(result);
+      return true;
+    };
+    LiveOptions options;
+    options.run.auto_start = true;
+    const RunLog log = run_live(camera, options, observer).log;
+    tracks.finish(log.map_points);
+    const CameraDoubts doubts = doubt_camera(tracks, log.camera.model, log.camera.shutter);
+    EXPECT_GT(tracks.views.size(), 100u);
+    EXPECT_EQ(doubts.focal, told != 1) << told;
+    if (doubts.focal) {
+      EXPECT_NEAR(told * doubts.fit.focal.value, 1, 0.05);
+    }
+  }
 }
 
 TEST(AgesOfPoses, Shares) {
