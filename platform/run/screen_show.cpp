@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <cerrno>
-#include <chrono>
 #include <cstring>
 #include <ctime>
 #include <exception>
@@ -94,7 +93,7 @@ ScreenShow::ScreenShow(const ShowOptions& options, const CameraInfo& camera,
 }
 
 ScreenShow::~ScreenShow() {
-  if (storing_.valid()) say_(storing_.get());
+  if (storing()) say_(wait_until_stored());
 }
 
 void ScreenShow::say(const std::string& text) {
@@ -116,8 +115,7 @@ void ScreenShow::answer_all() {
   } catch (const InputError& error) {
     leave(error.what());
   }
-  constexpr std::chrono::seconds kNow(0);
-  if (storing_.valid() && storing_.wait_for(kNow) == std::future_status::ready) say(storing_.get());
+  if (storing() && stored_) say(wait_until_stored());
   if (steady_now_ns() - drawn_ns_ > kStanding_ns && due()) draw();
 }
 
@@ -219,12 +217,12 @@ void ScreenShow::show(const Frame& frame, const TrackResult& result, const Frame
 
 // Whether a picture would be seen, and it is not too early for one.
 bool ScreenShow::due() {
-  return display_ && display_->ready() && (steady_now_ns() >= rest_until_ns_ || (picture_wanted_ && !storing_.valid()));
+  return display_ && display_->ready() && (steady_now_ns() >= rest_until_ns_ || (picture_wanted_ && !storing()));
 }
 
 void ScreenShow::draw() {
   const int64_t from_ns = steady_now_ns();
-  const bool wanted = picture_wanted_ && !storing_.valid();
+  const bool wanted = picture_wanted_ && !storing();
   try {
     const Scene& scene = compose();
     if (from_ns < notice_until_ns_) composer_.add_notice(notice_);
@@ -244,10 +242,19 @@ void ScreenShow::draw() {
 // Beside tracking: to encode it takes as long as several frames.
 void ScreenShow::store_picture(int width, int height) {
   try {
-    storing_ = std::async(std::launch::async, stored_picture, pixels_, width, height);
+    stored_ = false;
+    storing_ = std::thread([this, width, height, pixels = pixels_] {
+      stored_text_ = stored_picture(pixels, width, height);
+      stored_ = true;
+    });
   } catch (const std::system_error& error) {
     say(std::string("the picture is not stored: ") + error.what());
   }
+}
+
+std::string ScreenShow::wait_until_stored() {
+  storing_.join();
+  return std::move(stored_text_);
 }
 
 Spectator spectator_of(ScreenShow* show, Keys* keys) {

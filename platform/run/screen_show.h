@@ -1,12 +1,13 @@
 // A run on a display: each frame's picture as it comes, keys and taps from there, pictures of it as files.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <functional>
-#include <future>
 #include <memory>
 #include <optional>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "platform/display/display.h"
@@ -61,6 +62,8 @@ class ScreenShow {
   bool due();
   void draw();
   void store_picture(int width, int height);
+  bool storing() const { return storing_.joinable(); }
+  std::string wait_until_stored();
   void leave(const std::string& why);
 
   ShowOptions options_;
@@ -80,7 +83,10 @@ class ScreenShow {
   int64_t drawn_ns_ = 0;              // likewise, the last picture
   std::optional<int64_t> origin_ns_;  // CLOCK_MONOTONIC less timestamp, when paced
   std::vector<uint8_t> pixels_;
-  std::future<std::string> storing_;  // a picture; what became of it
+  // Stores a picture; no std::future, which Debian's libstdc++ for armel lacks.
+  std::thread storing_;
+  std::atomic<bool> stored_ = false;  // by now, or not: stored_text_ says it
+  std::string stored_text_;
   std::vector<MapPointInfo> points_;
   std::vector<KeyframeInfo> keyframes_;
 };
