@@ -119,6 +119,8 @@ GUEST
 make_still_clip "$build" "$out" 600
 mkfifo "$out/monitor.in" "$out/monitor.out"
 cat "$out/monitor.out" >"$out/monitor.txt" &
+reader=$!
+trap 'kill "$reader" 2>/dev/null || true' EXIT  # it waits for ever where no emulator has begun to write
 exec 9<>"$out/monitor.in"
 status=0
 "$here/boot.sh" --offline --memory 1500 --timeout 400 --module virtio_gpu --module evdev --module virtio_input \
