@@ -194,7 +194,7 @@ class LiveSession {
       show_.emplace(
           chosen_.output.show, camera->info(), [this](const std::string& text) { status_.say(text); }, camera.get());
     stop_on_signals();
-    knowledge.camera_told = camera_told();
+    knowledge.camera_told = chosen_.camera.rfind(kSim, 0) != 0;  // the emulated phone knows its own
     const Runner runner = [&](const StartObserver& on_start, const FrameObserver& on_frame) {
       return live(*camera, on_start, on_frame);
     };
@@ -208,9 +208,6 @@ class LiveSession {
     const RunLog log = runner([](const CameraInfo&) {}, {});
     bool good = log.save_trouble.empty();
     for (const std::string& warning : log.warnings) print_warning(warning);
-    if (camera_told()) {
-      for (const std::string& doubt : camera_doubts(log, &tracks_)) print_warning(doubt);
-    }
     if (!log.save_trouble.empty())
       print_error("--save-map " + chosen_.output.save_map + ": nothing was saved: " + log.save_trouble);
     if (!log.saved_map.empty()) good = save(log.saved_map) && good;
@@ -268,7 +265,6 @@ class LiveSession {
       return pressed;
     };
     observer.on_result = [&](const TrackResult& result, int64_t arrived_ns) {
-      if (camera_told() && chosen_.output.out.empty()) tracks_.add(result);
       return !poses_ || poses_->add(result, arrived_ns);
     };
     observer.on_frame = on_frame;
@@ -282,9 +278,6 @@ class LiveSession {
     if (interrupted()) status_.say(interruption());
     return result_.log;
   }
-
-  // The emulated phone knows its own.
-  bool camera_told() const { return chosen_.camera.rfind(kSim, 0) != 0; }
 
   bool save(std::span<const std::byte> map) {
     try {
@@ -322,7 +315,6 @@ class LiveSession {
   StatusLine status_;
   std::optional<ScreenShow> show_;
   LiveResult result_;
-  PointTracks tracks_;  // without --out, whose own are looked at
   bool started_ = false;
   bool quit_ = false;  // by a key
 };

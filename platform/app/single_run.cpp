@@ -154,6 +154,23 @@ RunLog run_and_show(const Runner& runner, const OutputOptions& output, const Out
   return log;
 }
 
+// What the points' tracks say against the camera that the program was told of.
+void add_camera_doubts(const RunLog& log, PointTracks* tracks, std::vector<std::string>* warnings) {
+  tracks->finish(log.map_points);
+  const CameraDoubts doubts = doubt_camera(*tracks, log.camera.model, log.camera.shutter);
+  std::vector<std::string> found;
+  if (doubts.focal) found.push_back(format("a focal length of %.2f times the one assumed", doubts.fit.focal.value));
+  if (doubts.readout) {
+    found.push_back(doubts.fit.global ? "a global shutter"
+                                      : "a readout, of the images as tracked, of " +
+                                            readout_text(doubts.fit.axis, doubts.fit.readout_s.value));
+  }
+  if (found.empty()) return;
+  warnings->push_back("the points fit " + found[0] + (found.size() > 1 ? " and " + found[1] : "") +
+                      " better: poses and map may be wrong. pocket-ptam readout SOURCE --estimate fov,readout finds "
+                      "what to give");
+}
+
 RunSummary evaluated(const RunLog& log, const Trajectory& truth, const Knowledge& knowledge) {
   RunSummary summary;
   summary.version = PPTAM_VERSION;
@@ -357,21 +374,6 @@ int run_and_write(platform::Camera& camera, const RunOptions& run_options, const
   return run_and_write(camera.info().name, camera.ground_truth(), runner, run_options, output, knowledge, command_line);
 }
 
-std::vector<std::string> camera_doubts(const RunLog& log, PointTracks* tracks) {
-  tracks->finish(log.map_points);
-  const CameraDoubts doubts = doubt_camera(*tracks, log.camera.model, log.camera.shutter);
-  std::vector<std::string> found;
-  if (doubts.focal) found.push_back(format("a focal length of %.2f times the one assumed", doubts.fit.focal.value));
-  if (doubts.readout) {
-    found.push_back(doubts.fit.global ? "a global shutter"
-                                      : "a readout, of the images as tracked, of " +
-                                            readout_text(doubts.fit.axis, doubts.fit.readout_s.value));
-  }
-  if (found.empty()) return {};
-  return {"the points fit " + found[0] + (found.size() > 1 ? " and " + found[1] : "") +
-          " better: poses and map may be wrong. pocket-ptam readout SOURCE --estimate fov,readout finds what to give"};
-}
-
 int run_and_write(const std::string& name, const Trajectory& truth, const Runner& runner, const RunOptions& run_options,
                   const OutputOptions& output, const Knowledge& knowledge, const std::string& command_line) {
   const std::filesystem::path place =
@@ -392,9 +394,7 @@ int run_and_write(const std::string& name, const Trajectory& truth, const Runner
   if (show) pictures = write_pictures(show.get(), &folder, &writing);
   warnings.insert(warnings.begin(), log.warnings.begin(), log.warnings.end());
   if (knowledge.camera_told && log.broken.empty()) {
-    writing.attempt([&] {
-      for (const std::string& doubt : camera_doubts(log, &tracks)) warnings.push_back(doubt);
-    });
+    writing.attempt([&] { add_camera_doubts(log, &tracks, &warnings); });
   }
   const auto all_warnings = [&] {
     std::vector<std::string> all = knowledge.warnings;

@@ -10,7 +10,6 @@
 #include <vector>
 
 #include "platform/app/options.h"
-#include "platform/calibrate/camera_fit.h"
 #include "platform/camera.h"
 #include "platform/outputs.h"
 #include "platform/run/keys.h"
@@ -41,10 +40,6 @@ using Runner = std::function<platform::RunLog(const platform::StartObserver&, co
 int run_and_write(const std::string& name, const platform::Trajectory& truth, const Runner& runner,
                   const platform::RunOptions& run_options, const OutputOptions& output, const Knowledge& knowledge,
                   const std::string& command_line);
-
-// What the points' tracks of a run say against the camera that it was told of: a warning; none when they say nothing.
-// tracks: of its frames; those of points that are not in its map at the end go.
-std::vector<std::string> camera_doubts(const platform::RunLog& log, platform::PointTracks* tracks);
 
 // --save-map alone: judged before anything is done, and written; both throw InputError. to_be_made: a folder that will
 // be made before; empty: none.

@@ -605,7 +605,7 @@ TEST_F(Live, MappingGoesOnWithoutAnyIdleTime) {
   EXPECT_GT(slices, 20);
 }
 
-// What `live` looks at when it ends: the points' tracks against the camera that it was told of.
+// What `live --out` looks at when it ends: the points' tracks against the camera that it was told of.
 TEST_F(Live, AWrongCameraIsDoubted) {
   sim::PhoneOptions phone;
   phone.duration_s = 12;
