@@ -20,11 +20,14 @@ constexpr float kMaxMisfit_s = 3.0f;
 
 }  // namespace
 
+bool FrameFit::is_usual(float residual_px) const {
+  return usual_px_ == 0 || residual_px <= kMaxRelativeResidual * usual_px_;
+}
+
 bool FrameFit::fits(float residual_px, float dt_s, uint32_t next_id) {
   dt_s = std::min(dt_s, kMaxStep_s);
   if (usual_px_ == 0) usual_px_ = residual_px;  // stays unknown while a residual is zero
-  const bool fits = residual_px <= kMaxRelativeResidual * usual_px_;
-  if (fits) {
+  if (is_usual(residual_px)) {
     misfit_s_ = std::max(0.0f, misfit_s_ - dt_s);
     const float factor = 1.0f + kLearning_per_s * dt_s;
     usual_px_ = std::clamp(residual_px, usual_px_ / factor, usual_px_ * factor);

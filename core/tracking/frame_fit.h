@@ -18,6 +18,8 @@ class FrameFit {
   // Whether this frame fits. residual_px: rms of the inliers of a pose that was measured, level-0 pixels. dt_s: seconds
   // since the last frame. next_id: what the map makes next; 0: not to be doubted.
   bool fits(float residual_px, float dt_s, uint32_t next_id);
+  // Whether a residual is no larger than that of frames that fit; true while nothing is known of those.
+  bool is_usual(float residual_px) const;
   // Ids in the map from here on are of things made since a misfit began that is not over; 0: there is none.
   uint32_t doubted_since() const { return misfit_s_ > 0 ? first_id_ : 0; }
   void forget() { *this = FrameFit(); }  // with another map

@@ -221,8 +221,10 @@ void Tracker::track_with_map(TrackResult* result) {
   result->reprojection_px = matching_.reprojection_px();
   if (match.visible > matching_.capacity()) result->limits_hit |= kLimitMeasuredPoints;
 
-  const bool confirming = confirmed_ > 0;
-  if (match.quality == TrackingQuality::kBad || (confirming && match.quality != TrackingQuality::kGood)) {
+  // Points that bad pictures have put into the map agree about a pose that they fit badly.
+  const bool misfit = !blurred && !map_.looking() && !frame_fit_.is_usual(result->reprojection_px);
+  const bool doubtful = match.quality != TrackingQuality::kGood || misfit;
+  if (match.quality == TrackingQuality::kBad || (confirmed_ > 0 && doubtful)) {
     miss();
   } else {
     accept(match, blurred, result);

@@ -49,6 +49,17 @@ TEST(FrameFit, WhatIsMadeInAMisfitIsDoubtedUntilItIsOver) {
   EXPECT_EQ(fit.doubted_since(), 0u) << "what lasts has become usual";
 }
 
+TEST(FrameFit, TellsWhatIsUsualWithoutLearning) {
+  FrameFit fit;
+  EXPECT_TRUE(fit.is_usual(100)) << "nothing is known";
+  for (int i = 0; i < 30; ++i) fit.fits(0.2f, kFrame_s, 1);
+  for (int i = 0; i < 100; ++i) {
+    EXPECT_TRUE(fit.is_usual(0.49f));  // 2.5 times at most
+    EXPECT_FALSE(fit.is_usual(0.51f));
+  }
+  EXPECT_EQ(fit.doubted_since(), 0u);
+}
+
 TEST(FrameFit, SlowChangesAreFollowedAtAnyFrameRate) {
   for (const float frame_s : {1.0f / 60, 1.0f / 15}) {
     FrameFit slow, quick;
