@@ -156,7 +156,7 @@ for preset in "${presets[@]}"; do
   targets=() labels=""
   case "$preset" in
     clang | sanitize)
-      targets=(unit_tests kernels_tests map_file_tests bits_tests api_tests edges_tests
+      targets=(unit_tests kernels_tests word_kernels_tests map_file_tests bits_tests api_tests edges_tests
         kernels_fuzz map_file_fuzz c_api_fuzz c_model_fuzz)
       labels='^(unit|kernels|map_file|bits|api|edges|fuzz)$'
       [[ "$preset" != clang ]] || targets+=(pocket-ptam)

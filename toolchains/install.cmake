@@ -9,7 +9,7 @@ set(PPTAM_LIBRARY_KIND STATIC)
 set(PPTAM_LIBRARY_FILE libpocket-ptam.a)
 if(BUILD_SHARED_LIBS)
   set(PPTAM_LIBRARY_KIND SHARED)
-  set(PPTAM_LIBRARY_FILE libpocket-ptam.so.${PROJECT_VERSION})
+  set(PPTAM_LIBRARY_FILE libpocket-ptam.so.${PPTAM_SOVERSION}.${PROJECT_VERSION})
   install(TARGETS pptam_shared LIBRARY COMPONENT library NAMELINK_COMPONENT development)
 endif()
 install(TARGETS pptam_core ARCHIVE COMPONENT development)
@@ -17,7 +17,7 @@ install(DIRECTORY core/pocket_ptam DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} COMPO
 
 configure_package_config_file(toolchains/PocketPTAMConfig.cmake.in ${generated}/PocketPTAMConfig.cmake
   INSTALL_DESTINATION ${config_folder} PATH_VARS CMAKE_INSTALL_LIBDIR CMAKE_INSTALL_INCLUDEDIR)
-write_basic_package_version_file(${generated}/PocketPTAMConfigVersion.cmake COMPATIBILITY SameMinorVersion)
+write_basic_package_version_file(${generated}/PocketPTAMConfigVersion.cmake COMPATIBILITY SameMajorVersion)
 install(FILES ${generated}/PocketPTAMConfig.cmake ${generated}/PocketPTAMConfigVersion.cmake
         DESTINATION ${config_folder} COMPONENT development)
 # Seen from the file itself, so that an installed tree may be moved.
@@ -26,7 +26,7 @@ configure_file(toolchains/pocket-ptam.pc.in ${generated}/pocket-ptam.pc @ONLY)
 install(FILES ${generated}/pocket-ptam.pc DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig COMPONENT development)
 
 # Debian packages: cpack -G DEB in the build folder.
-set(soname_package libpocket-ptam${PROJECT_VERSION_MAJOR})
+set(soname_package libpocket-ptam${PPTAM_SOVERSION})
 set(packages development libpocket-ptam-dev)
 if(BUILD_SHARED_LIBS)
   list(APPEND packages library ${soname_package})
@@ -43,6 +43,7 @@ while(packages)
   install(FILES LICENSE DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/${package} RENAME copyright COMPONENT ${component})
 endwhile()
 set(CPACK_GENERATOR DEB)
+string(REPLACE "-" "~" CPACK_DEBIAN_PACKAGE_VERSION ${PPTAM_FULL_VERSION})  # sorts before the release
 set(CPACK_DEB_COMPONENT_INSTALL ON)
 set(CPACK_PACKAGE_VENDOR "Pocket PTAM")
 set(CPACK_PACKAGE_CONTACT "The maintainers of Pocket PTAM <pocket-ptam@localhost>")
@@ -59,7 +60,7 @@ set(CPACK_DEBIAN_LIBRARY_PACKAGE_SECTION libs)
 set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_SECTION libdevel)
 set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_SUGGESTS libeigen3-dev)  # of the C++ interface
 if(BUILD_SHARED_LIBS)
-  set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_DEPENDS "${soname_package} (= ${PROJECT_VERSION})")
+  set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_DEPENDS "${soname_package} (= ${CPACK_DEBIAN_PACKAGE_VERSION})")
 endif()
 set(CPACK_DEBIAN_TOOLS_PACKAGE_RECOMMENDS "ffmpeg, gnuplot-nox")
 include(CPack)

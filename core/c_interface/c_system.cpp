@@ -286,25 +286,31 @@ pptam_status pptam_required_parts(const pptam_config* config, pptam_memory_parts
   return kDone;
 }
 
+size_t pptam::c::required_bytes(const Config& config) {
+  return head_bytes<pptam_system>() + System::required_bytes(config);
+}
+
+pptam_status pptam::c::create(const Config& config, void* memory, size_t bytes, pptam_system** system) {
+  if (!system) return refused(kNullPointer);
+  if (!memory || !block_aligned(memory)) return refused(kNoBlock);
+  if (bytes < required_bytes(config))
+    return {PPTAM_OUT_OF_MEMORY, "pptam_create: the block is smaller than pptam_required_bytes(config)"};
+  const std::span<std::byte> block(static_cast<std::byte*>(memory), bytes);
+  System* made = nullptr;
+  const Status created = System::create(config, block.subspan(head_bytes<pptam_system>()), &made);
+  if (!created.ok()) return to_c(created);
+  *system = new (memory) pptam_system{made, {}, {}, {}};
+  return kDone;
+}
+
 size_t pptam_required_bytes(const pptam_config* config) {
   if (pptam::c::config_status(config).code != PPTAM_OK) return 0;
-  return pptam::c::head_bytes<pptam_system>() + pptam::System::required_bytes(pptam::c::config_from(*config));
+  return pptam::c::required_bytes(pptam::c::config_from(*config));
 }
 
 pptam_status pptam_create(const pptam_config* config, void* memory, size_t bytes, pptam_system** system) {
   const pptam_status status = pptam::c::config_status(config);
-  if (status.code != PPTAM_OK) return status;
-  if (!system) return refused(kNullPointer);
-  if (!memory || !pptam::c::block_aligned(memory)) return refused(pptam::c::kNoBlock);
-  if (bytes < pptam_required_bytes(config))
-    return {PPTAM_OUT_OF_MEMORY, "pptam_create: the block is smaller than pptam_required_bytes(config)"};
-  constexpr size_t kHead = pptam::c::head_bytes<pptam_system>();
-  const std::span<std::byte> block(static_cast<std::byte*>(memory), bytes);
-  pptam::System* made = nullptr;
-  const pptam::Status created = pptam::System::create(pptam::c::config_from(*config), block.subspan(kHead), &made);
-  if (!created.ok()) return to_c(created);
-  *system = new (memory) pptam_system{made, {}, {}, {}};
-  return kDone;
+  return status.code == PPTAM_OK ? pptam::c::create(pptam::c::config_from(*config), memory, bytes, system) : status;
 }
 
 pptam_status pptam_get_config(const pptam_system* system, pptam_config* config) {

@@ -9,6 +9,7 @@
 #include <cstring>
 
 #include <pocket_ptam/camera.h>
+#include <pocket_ptam/config.h>
 #include <pocket_ptam/image.h>
 #include <pocket_ptam/pocket_ptam_c.h>
 
@@ -133,5 +134,9 @@ bool is_output(const T* out, size_t capacity, const int32_t* count) {
 }
 constexpr const char* kNoOutput = "count is null, or out is null and capacity is not 0";
 constexpr const char* kNoBlock = "memory is null, or not aligned as by malloc (alignof(max_align_t))";
+
+// The bytes and the making of a pptam_system whose Config has parts that pptam_config cannot name; the Config is valid.
+size_t required_bytes(const Config& config);
+pptam_status create(const Config& config, void* memory, size_t bytes, pptam_system** system);
 
 }  // namespace pptam::c

@@ -1,14 +1,20 @@
 // The inner loops of pyramid, corner detection, patch warp, search and refinement.
 //
 // Each is written here in plain C++. That is the specification, and compilers vectorise it for NEON or SSE2. Where it
-// is faster there is a second variant by hand (kernels_armv6.h, kernels_neon.h, kernels_sse2.h). All variants give the
-// same bits; a test compares them. Callers use namespace kernel, which has the target's fastest variants.
+// is faster there is a second variant by hand (kernels_armv6.h, kernels_neon.h, kernels_sse2.h, kernels_words.h). All
+// variants give the same bits; a test compares them. Callers use namespace kernel, which has the target's fastest
+// variants.
 #pragma once
 
 #include <algorithm>
 #include <cstdint>
 
 #include "base/sse2.h"
+
+// Variants in words of 64 bits; the tests define it on other processors, too.
+#if defined(__wasm__) && !defined(PPTAM_SSE2) && !defined(PPTAM_PLAIN)
+#define PPTAM_WORDS
+#endif
 
 namespace pptam {
 
@@ -59,10 +65,17 @@ struct PackedTemplate {
   }
 };
 
-// What refine_sums() needs of the framed template; the same in all iterations of a refinement.
+#if defined(PPTAM_WORDS)
+constexpr int kCurvatureSize = 4;  // int16_t for both of a pixel's curvatures
+#else
+constexpr int kCurvatureSize = 2;
+#endif
+
+// What refine_sums() needs of the framed template; the same in all iterations of a refinement. The order within a row
+// depends on the variant.
 struct RefineTemplate {
-  alignas(8) int16_t value[kPatchFramed * kPatchPitch];       // in 1/kSampleUnit grey level
-  alignas(8) int16_t curvature[kPatchSize * kPatchSize * 2];  // T_xx, T_yy of each pixel of the 8x8, same unit
+  alignas(8) int16_t value[kPatchFramed * kPatchPitch];                    // in 1/kSampleUnit grey level
+  alignas(8) int16_t curvature[kPatchSize * kPatchSize * kCurvatureSize];  // T_xx, T_yy of the 8x8, same unit
 };
 
 // Where and how refine_sums() samples the image.
@@ -339,6 +352,11 @@ inline RefineSums refine_sums(const RefineSample& s, const RefineTemplate& T) {
 #if defined(PPTAM_PLAIN)
 namespace pptam {
 namespace kernel = plain;
+}
+#elif defined(PPTAM_WORDS)
+#include "image/kernels_words.h"
+namespace pptam {
+namespace kernel = words;
 }
 #else
 #if defined(__ARM_FEATURE_SIMD32)

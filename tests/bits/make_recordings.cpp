@@ -1,6 +1,7 @@
 // Renders what the library is to give the same bits of on all processors: make_recordings FOLDER board|table|quick.
 //   board   desk.frames and tiny.frames, 5 s each, for the microcontroller's test, and what they give here (.result)
-//   table   five stories of 20 s, one seen by a small camera, and a known object: for tests/bits/table.sh
+//   table   five stories of 20 s, one for the desktop profile, one seen by a small camera, and a known object: for
+//           tests/bits/table.sh
 //   quick   the last two of these
 #include <algorithm>
 #include <cmath>
@@ -128,9 +129,9 @@ int make_for_board(const std::filesystem::path& folder) {
 }
 
 int make_for_table(const std::filesystem::path& folder, bool quick) {
-  const auto story = [&](const char* name, const char* file, Tracked tracked) {
+  const auto story = [&](const char* name, const char* file, Tracked tracked, double duration_s = 20) {
     sim::PhoneOptions options = sim::phone_for_story(name, 1);
-    options.duration_s = 20;
+    options.duration_s = duration_s;
     if (tracked == Tracked::kTiny) use_small_camera(&options);
     record_phone(options, tracked, true, folder / file);
   };
@@ -141,6 +142,7 @@ int make_for_table(const std::filesystem::path& folder, bool quick) {
     story("two_walls", "walls.frames", Tracked::kPhone);
     story("shake", "shake.frames", Tracked::kPhone);
     story("bands_100", "bands.frames", Tracked::kPhone);
+    story("corner2007", "desktop.frames", Tracked::kDesktop, 5);  // 150 frames of 600x480
   }
   story("desk_calm", "tiny.frames", Tracked::kTiny);
   record_object(folder / "model.frames");

@@ -77,7 +77,7 @@ constexpr const char* kStageNames[kStagesOfBits] = {"pyramid", "rotation", "corn
 constexpr const char* kMappingNames[] = {"finish", "insert", "adjust_new", "adjust", "cull", "tidy"};
 
 constexpr int kSlicesAFrame = 40;  // enough for the start's map to be finished within a second
-constexpr int32_t kMostObserved = 400;
+constexpr int32_t kMostObserved = 1100;  // of a frame: a thousand is the desktop profile's
 
 // Pyramid and full-frame rotation stay inside the library. The same functions on the same images tell whether they give
 // the same bits.
@@ -232,29 +232,41 @@ int say_results(const Surroundings& around, int64_t poses, int64_t keyframes, ui
   return poses > 20 ? 0 : failed(around, "there must be a map, or nothing is compared");
 }
 
-void configure(const RecordingHead& head, pptam_config* config) {
+// The desktop's parts are none that C can name.
+Config desktop(const RecordingHead& head) {
+  const Camera camera = c::camera_from(head.camera);
+  Config config = Config::desktop(camera.model);
+  config.camera.shutter = camera.shutter;
+  config.exposure_s = head.exposure_s;
+  return config;
+}
+
+pptam_config configuration(const RecordingHead& head) {
+  pptam_config config;
   if (head.tracked == Tracked::kTiny) {
-    pptam_config_tiny(&head.camera, config);
+    pptam_config_tiny(&head.camera, &config);
   } else {
-    pptam_config_phone(&head.camera, config);
+    pptam_config_phone(&head.camera, &config);
   }
-  config->exposure_s = head.exposure_s;
-  if (head.tracked != Tracked::kBoard) return;
+  config.exposure_s = head.exposure_s;
+  if (head.tracked != Tracked::kBoard) return config;
   // A map of a desk, and nothing is kept of what is erased.
-  config->max_keyframes = 20;
-  config->max_erased_keyframes = 5;
-  config->max_maps = 1;
+  config.max_keyframes = 20;
+  config.max_erased_keyframes = 5;
+  config.max_maps = 1;
+  return config;
 }
 
 int run_map(const Surroundings& around, const RecordingHead& head, int changed_frame) {
-  pptam_config config;
-  configure(head, &config);
+  const bool on_desktop = head.tracked == Tracked::kDesktop;
+  const pptam_config config = configuration(head);
   pptam_status status = pptam_config_validate(&config);
   if (status.code != PPTAM_OK) return failed(around, status);
-  const size_t required = pptam_required_bytes(&config);
+  const size_t required = on_desktop ? c::required_bytes(desktop(head)) : pptam_required_bytes(&config);
   if (!Reading::fits(around, head, required)) return failed(around, "the block or the image is too small");
   pptam_system* system = nullptr;
-  status = pptam_create(&config, around.block, required, &system);
+  status = on_desktop ? c::create(desktop(head), around.block, required, &system)
+                      : pptam_create(&config, around.block, required, &system);
   if (status.code != PPTAM_OK) return failed(around, status);
   Reading reading(around, head, required, changed_frame);
   MappingSeen mapping;

@@ -11,10 +11,11 @@ namespace pptam::test {
 
 // What tracks a recording.
 enum class Tracked : int32_t {
-  kBoard,  // the phone profile with fewer keyframes: a board with 8 MB of external memory
-  kTiny,   // the tiny profile
-  kPhone,  // the phone profile
-  kModel   // the model tracker, of the object in known_object()
+  kBoard,   // the phone profile with fewer keyframes: a board with 8 MB of external memory
+  kTiny,    // the tiny profile
+  kPhone,   // the phone profile
+  kModel,   // the model tracker, of the object in known_object()
+  kDesktop  // the desktop profile
 };
 
 // A recording begins with this, as it stands in memory; then comes each frame: its timestamp in nanoseconds, 8 bytes,
@@ -38,8 +39,9 @@ struct Surroundings {
   size_t image_bytes;
 };
 
-constexpr size_t kBlockBytes = size_t{14} << 20;  // that is enough for every recording
-constexpr size_t kImageBytes = 320 * 240;
+// Enough for every recording but the desktop profile's, and for that one, too.
+constexpr size_t kBlockBytes = size_t{14} << 20, kImageBytes = 320 * 240;
+constexpr size_t kDesktopBlockBytes = size_t{72} << 20, kDesktopImageBytes = 640 * 480;
 
 // A box with a bar and a ball, which model trackers are told of.
 pptam_object_arrays known_object();

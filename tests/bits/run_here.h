@@ -19,8 +19,8 @@ struct RunHere {
 inline RunHere run_here(const std::filesystem::path& file, int changed_frame) {
   static std::ifstream input;
   static RunHere run;
-  std::vector<std::max_align_t> block(kBlockBytes / sizeof(std::max_align_t));
-  std::vector<uint8_t> image(kImageBytes);
+  std::vector<std::max_align_t> block(kDesktopBlockBytes / sizeof(std::max_align_t));
+  std::vector<uint8_t> image(kDesktopImageBytes);
   input = std::ifstream(file, std::ios::binary);
   run = {};
   const auto read = [](void* to, size_t bytes) {
@@ -30,7 +30,7 @@ inline RunHere run_here(const std::filesystem::path& file, int changed_frame) {
     run.result = text;
     run.said += text;
   };
-  if (run_recording({read, say, block.data(), kBlockBytes, image.data(), image.size()}, changed_frame) != 0)
+  if (run_recording({read, say, block.data(), kDesktopBlockBytes, image.data(), image.size()}, changed_frame) != 0)
     run.result.clear();
   return run;
 }

@@ -7,8 +7,8 @@ cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 if [[ "${1:-}" == -h || "${1:-}" == --help ]]; then
   cat <<'HELP'
 Usage: tests/bits/table.sh [--quick] [--rows REGEX] [--folder DIR]
-Renders five stories of 20 s of the emulated phone, one seen by a tiny camera, and a known object; builds the library
-for each row of the table and tracks them with it. Exit code 0: all hashes are equal, and the two controls, in which one
+Renders five stories of 20 s of the emulated phone, one for the desktop profile, one seen by a tiny camera, and a known
+object; builds the library for each row of the table and tracks them with it. Exit code 0: all hashes are equal, and the two controls, in which one
 rounding is broken on one target, were noticed. Takes some 20 minutes on two cores. On Debian it first installs the
 packages that are missing (as root or by sudo).
   --quick        only what the tiny camera sees, and the known object
@@ -34,7 +34,8 @@ while (($# > 0)); do
 done
 
 source toolchains/debian_packages.sh
-install_packages "${program_packages[@]}" "${target_packages[@]}" "${microcontroller_packages[@]}" clang clang-19
+install_packages "${program_packages[@]}" "${target_packages[@]}" "${microcontroller_packages[@]}" "${web_packages[@]}" \
+  clang
 bits=$PWD/build/bits recordings=$PWD/build/bits/recordings
 mkdir -p "$recordings"
 
@@ -50,6 +51,10 @@ build() {  # NAME CMAKE_ARGS...: track_recording
 build_board() {  # NAME: the microcontroller's program
   configure . "$1" -D CMAKE_TOOLCHAIN_FILE="$PWD/toolchains/cortex-m7-none-eabi.cmake" -D PPTAM_BUILD_TESTS=ON &&
     cmake --build "$bits/$1" --target bare_metal
+}
+build_web() {  # NAME PROGRAM
+  configure . "$1" -D CMAKE_TOOLCHAIN_FILE="$PWD/toolchains/wasm32.cmake" -D PPTAM_BUILD_TESTS=ON &&
+    cmake --build "$bits/$1" --target "$2"
 }
 build_trixie() {  # NAME: inside of Debian 13
   local root=$systems/trixie
@@ -91,6 +96,10 @@ run_board() {  # NAME RECORDING
     -kernel "$bits/$1/tests/bare_metal/bare_metal.elf"
 }
 
+run_web() {  # NAME RECORDING PROGRAM
+  node tests/web/run_in_memory.mjs "$bits/$1/tests/web/$3.wasm" "$2"
+}
+
 # ---- The rows --------------------------------------------------------------------------------------------------------
 
 # row NAME | target | compiler | recordings | command that builds | command that prints what a recording gives
@@ -99,7 +108,7 @@ rows=()
 row() { rows+=("$1"); }
 cross() { echo "-D CMAKE_TOOLCHAIN_FILE=$PWD/toolchains/$1.cmake"; }
 stories="desk orbit walls shake bands"
-all="$stories tiny model"
+all="$stories desktop tiny model"
 set=table
 if [[ -n "$quick" ]]; then all="tiny model" set=quick; fi
 row "gcc|x86-64|gcc 12|$all|build|run"
@@ -113,6 +122,8 @@ row "armv6|ARMv6|gcc 12|$all|build $(cross armv6-linux-gnueabi)|run qemu-arm -cp
 row "armv6-plain|ARMv6|gcc 12, no SIMD|desk tiny model|build $(cross armv6-linux-gnueabi) -D CMAKE_CXX_FLAGS=-DPPTAM_PLAIN|run qemu-arm -cpu arm1176"
 row "armv7|ARMv7 NEON|gcc 12|$all|build $(cross armv7-linux-gnueabihf)|run qemu-arm -cpu cortex-a7"
 row "aarch64|AArch64|gcc 12|$all|build $(cross aarch64-linux-gnu)|run qemu-aarch64 -cpu cortex-a53"
+row "wasm|WebAssembly|clang 19|$all|build_web run_in_memory|run_web run_in_memory"
+row "wasm-simd|WebAssembly|clang 19, SIMD|$all|build_web run_in_memory_simd|run_web run_in_memory_simd"
 row "cortex-m7|Cortex-M7|gcc 12, bare metal|desk tiny model|build_board|run_board"
 # One rounding is another: names the stage that is expected to differ first.
 row "control-pyramid|x86-64|control: pyramid|tiny|build_broken core/image/kernels_sse2.h 'two = _mm_set1_epi16(2)' 'two = _mm_set1_epi16(1)'|run"

@@ -16,7 +16,9 @@ constexpr const char* kKernelNames[] = {"bgra_row", "half_row",  "window_sums<2>
 constexpr int kCheckBytes = 700;  // fewer are filled up with zeros
 
 inline const char* variant_name() {
-#if defined(__ARM_FEATURE_SIMD32) && defined(__ARM_NEON)
+#if defined(PPTAM_WORDS)
+  return "words";
+#elif defined(__ARM_FEATURE_SIMD32) && defined(__ARM_NEON)
   return "armv6, neon and plain";
 #elif defined(__ARM_FEATURE_SIMD32)
   return "armv6";

@@ -24,8 +24,8 @@ void say(const char* text) {
   while (*text != '\0' && said_bytes + 1 < sizeof said) said[said_bytes++] = *text++;
 }
 
-alignas(std::max_align_t) std::byte block[kBlockBytes];
-uint8_t image[kImageBytes];
+alignas(std::max_align_t) std::byte block[kDesktopBlockBytes];
+uint8_t image[kDesktopImageBytes];
 
 }  // namespace
 }  // namespace pptam::test

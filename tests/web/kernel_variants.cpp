@@ -1,6 +1,6 @@
-// The kernels that are written with vectors give the bits of the plain ones in WebAssembly, too: base/sse2.h stands in
-// for Intel's functions there. On x86-64 tests/kernels does this with images of all kinds; here each kernel gets
-// numbers drawn at random, extremes among them.
+// The kernels by hand give the bits of the plain ones in WebAssembly, too: with vectors, where base/sse2.h stands in for
+// Intel's functions, and without, in words of 64 bits. On x86-64 tests/kernels does this with images of all kinds; here
+// each kernel gets numbers drawn at random, extremes among them.
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
@@ -11,8 +11,8 @@
 namespace pptam::test {
 namespace {
 
-#if !defined(__wasm_simd128__)
-#error "compiled without vectors: nothing would be compared"
+#if !defined(__wasm_simd128__) && !defined(PPTAM_WORDS)
+#error "only the plain kernels: nothing would be compared"
 #endif
 
 uint32_t state = 1;
@@ -73,14 +73,16 @@ bool patches() {
   const WarpBlur plain_blur = plain::warp(grid, plain_framed), blur = kernel::warp(grid, framed);
   if (!same(&plain_blur, &blur, sizeof blur) || !same(plain_framed, framed, sizeof framed)) return false;
 
-  PackedTemplate packed;
-  plain::pack_template(framed, &packed);
+  PackedTemplate plain_packed, packed;
+  plain::pack_template(framed, &plain_packed);
+  kernel::pack_template(framed, &packed);
   const uint8_t* at = image + (10 + random_bits() % 30) * kStride + 10 + random_bits() % 30;
-  if (plain::zmssd_x64(at, kStride, packed, INT32_MAX) != kernel::zmssd_x64(at, kStride, packed, INT32_MAX))
+  if (plain::zmssd_x64(at, kStride, plain_packed, INT32_MAX) != kernel::zmssd_x64(at, kStride, packed, INT32_MAX))
     return false;
 
-  RefineTemplate refined;
-  plain::prepare_refinement(framed, &refined);
+  RefineTemplate plain_refined, refined;
+  plain::prepare_refinement(framed, &plain_refined);
+  kernel::prepare_refinement(framed, &refined);
   RefineSample sample = {};
   sample.image = at;
   sample.stride = kStride;
@@ -88,7 +90,7 @@ bool patches() {
   sample.y_weight = static_cast<int32_t>(random_bits() % kSubpixels);
   sample.x_blur = static_cast<int32_t>(random_bits() % 49152) - 32768;
   sample.y_blur = static_cast<int32_t>(random_bits() % 49152) - 32768;
-  const RefineSums plain_sums = plain::refine_sums(sample, refined), found = kernel::refine_sums(sample, refined);
+  const RefineSums plain_sums = plain::refine_sums(sample, plain_refined), found = kernel::refine_sums(sample, refined);
   return same(&plain_sums, &found, sizeof found);
 }
 
@@ -117,7 +119,7 @@ bool products() {
 }  // namespace pptam::test
 
 // 0, or which kernel differs.
-extern "C" [[gnu::visibility("default"), gnu::used]] int vector_kernels(uint32_t seed) {
+extern "C" [[gnu::visibility("default"), gnu::used]] int kernel_variants(uint32_t seed) {
   using namespace pptam::test;
   state = seed;
   draw_image();
