@@ -5,6 +5,7 @@
 
 #include <pocket_ptam/config.h>
 #include "base/assert.h"
+#include "base/sort.h"
 
 namespace pptam {
 namespace {
@@ -207,7 +208,7 @@ void CornerDetector::order_round() {
     maxima_[i].cell = -1;
     round_.push_back(i);
   }
-  std::sort(round_.begin(), round_.end(), [&](int16_t a, int16_t b) { return better(maxima_[a], maxima_[b]); });
+  sort_list(round_, [&](int16_t a, int16_t b) { return better(maxima_[a], maxima_[b]); });
 }
 
 bool CornerDetector::apart(int x, int y) const {

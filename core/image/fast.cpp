@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include <pocket_ptam/config.h>
+#include "base/sort.h"
 #include "image/corners.h"
 #include "image/kernels.h"
 
@@ -109,7 +110,7 @@ void FastCorners::order_round() {
     maxima_[i].cell = -1;
     round_.push_back(i);
   }
-  std::sort(round_.begin(), round_.end(), [&](int32_t a, int32_t b) { return better(maxima_[a], maxima_[b]); });
+  sort_list(round_, [&](int32_t a, int32_t b) { return better(maxima_[a], maxima_[b]); });
 }
 
 CornerProgress FastCorners::advance(Corner* corner) {

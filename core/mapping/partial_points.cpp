@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/sort.h"
 #include "mapping/point_triangulation.h"
 
 namespace pptam {
@@ -177,8 +178,7 @@ Task<> PartialPoints::find_occupied(int keyframe) {
 void PartialPoints::make_room() {
   int room = 0;
   for (const PartialPoint& partial : map_.partial_points()) room += partial.id == 0;
-  std::sort(out_of_view_.begin(), out_of_view_.end(),
-            [](const OutOfView& a, const OutOfView& b) { return a.id < b.id; });
+  sort_list(out_of_view_, [](const OutOfView& a, const OutOfView& b) { return a.id < b.id; });
   for (const OutOfView& old : out_of_view_) {
     if (room >= config_.max_new_partial_points) return;
     if (map_.partial_points()[old.slot].id == old.id) map_.remove_partial_point(old.slot);

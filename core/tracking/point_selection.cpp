@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "base/sort.h"
 #include "map/patch_search.h"
 
 namespace pptam {
@@ -98,13 +99,13 @@ std::span<const int> PointSelection::choose(const Map& map, int count, int fines
       int& rival = best[candidate.cell];
       if (rival < 0 || better(i, rival)) rival = i;
     }
-    const auto end = std::remove(best, best + cells, -1);
-    if (end == best) return selected_;
-    std::sort(best, end, better);
-    for (const int* i = best; i != end; ++i) {
+    std::span<int> round(best, std::remove(best, best + cells, -1));
+    if (round.empty()) return selected_;
+    sort_list(round, better);
+    for (const int i : round) {
       if (selected_.size() == count) return selected_;
-      selected_.push_back(candidates_[*i].point);
-      candidates_[*i].taken = true;
+      selected_.push_back(candidates_[i].point);
+      candidates_[i].taken = true;
     }
   }
 }

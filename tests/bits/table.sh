@@ -52,9 +52,8 @@ build_board() {  # NAME: the microcontroller's program
   configure . "$1" -D CMAKE_TOOLCHAIN_FILE="$PWD/toolchains/cortex-m7-none-eabi.cmake" -D PPTAM_BUILD_TESTS=ON &&
     cmake --build "$bits/$1" --target bare_metal
 }
-build_web() {  # NAME PROGRAM
-  configure . "$1" -D CMAKE_TOOLCHAIN_FILE="$PWD/toolchains/wasm32.cmake" -D PPTAM_BUILD_TESTS=ON &&
-    cmake --build "$bits/$1" --target "$2"
+build_web() {  # NAME PROGRAM: of the preset
+  cmake --preset wasm --log-level=WARNING && cmake --build --preset wasm --target "$2"
 }
 build_trixie() {  # NAME: inside of Debian 13
   local root=$systems/trixie
@@ -97,7 +96,7 @@ run_board() {  # NAME RECORDING
 }
 
 run_web() {  # NAME RECORDING PROGRAM
-  node tests/web/run_in_memory.mjs "$bits/$1/tests/web/$3.wasm" "$2"
+  node tests/web/run_in_memory.mjs "build/wasm/tests/web/$3.wasm" "$2"
 }
 
 # ---- The rows --------------------------------------------------------------------------------------------------------
