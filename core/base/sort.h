@@ -6,7 +6,8 @@
 namespace pptam {
 
 // Sorts in place. `before` is a strict total order: of two entries it puts one first. Shell's algorithm with Ciura's
-// gaps: about as many comparisons as std::sort() up to a thousand entries, by a tenth of its code.
+// gaps: fewer comparisons than std::sort() up to 100 entries, as many at 300, an eighth more at 1000; a tenth of the
+// code.
 template <class List, class Before>
 void sort_list(List& list, const Before& before) {
   constexpr int kGaps[] = {1750, 701, 301, 132, 57, 23, 10, 4, 1};

@@ -23,7 +23,7 @@ using plain::fast_row;
 using plain::window_sums;
 
 constexpr uint64_t kLow8 = 0x00ff00ff00ff00ff, kLow16 = 0x0000ffff0000ffff;  // of each 16 bits, of each 32
-constexpr uint64_t kInEach16 = 0x0001000100010001;                            // times it: a number in each lane
+constexpr uint64_t kInEach16 = 0x0001000100010001;                           // times it: a number in each lane
 
 inline uint64_t load_word(const void* from) {
   uint64_t word;
@@ -186,7 +186,8 @@ class RefineAccumulator {
   RefineSums sums() const {
     constexpr int64_t kCount = kPatchSize * kPatchSize;
     const auto product = [](uint64_t biased, int64_t a_sum, int64_t b_sum) {
-      return static_cast<int32_t>(static_cast<int64_t>(biased >> 32) - kBias * (a_sum + b_sum) + kCount * kBias * kBias);
+      return static_cast<int32_t>(static_cast<int64_t>(biased >> 32) - kBias * (a_sum + b_sum) +
+                                  kCount * kBias * kBias);
     };
     const auto sum = [](int64_t biased) { return static_cast<int32_t>(biased - kCount * kBias); };
     return {.xx = product(xx_, x_sum_, x_sum_),

@@ -76,7 +76,7 @@ constexpr const char* kStageNames[kStagesOfBits] = {"pyramid", "rotation", "corn
                                                     "search",  "pose",     "map"};
 constexpr const char* kMappingNames[] = {"finish", "insert", "adjust_new", "adjust", "cull", "tidy"};
 
-constexpr int kSlicesAFrame = 40;  // enough for the start's map to be finished within a second
+constexpr int kSlicesAFrame = 40;        // enough for the start's map to be finished within a second
 constexpr int32_t kMostObserved = 1100;  // of a frame: a thousand is the desktop profile's
 
 // Pyramid and full-frame rotation stay inside the library. The same functions on the same images tell whether they give

@@ -8,9 +8,9 @@ if [[ "${1:-}" == -h || "${1:-}" == --help ]]; then
   cat <<'HELP'
 Usage: tests/bits/table.sh [--quick] [--rows REGEX] [--folder DIR]
 Renders five stories of 20 s of the emulated phone, one for the desktop profile, one seen by a tiny camera, and a known
-object; builds the library for each row of the table and tracks them with it. Exit code 0: all hashes are equal, and the two controls, in which one
-rounding is broken on one target, were noticed. Takes some 20 minutes on two cores. On Debian it first installs the
-packages that are missing (as root or by sudo).
+object; builds the library for each row of the table and tracks them with it. Exit code 0: all hashes are equal, and
+the two controls, in which one rounding is broken on one target, were noticed. Takes some 20 minutes on two cores. On
+Debian it first installs the packages that are missing (as root or by sudo).
   --quick        only what the tiny camera sees, and the known object
   --rows REGEX   only the rows whose name matches; the first row is always there, the controls only if they match
   --folder DIR   where tests/fresh_systems.sh has Debian 13, or is to make it, as root [build/fresh_systems]

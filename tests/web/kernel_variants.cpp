@@ -1,6 +1,6 @@
-// The kernels by hand give the bits of the plain ones in WebAssembly, too: with vectors, where base/sse2.h stands in for
-// Intel's functions, and without, in words of 64 bits. On x86-64 tests/kernels does this with images of all kinds; here
-// each kernel gets numbers drawn at random, extremes among them.
+// The kernels by hand give the bits of the plain ones in WebAssembly, too: with vectors, where base/sse2.h stands in
+// for Intel's functions, and without, in words of 64 bits. On x86-64 tests/kernels does this with images of all kinds;
+// here each kernel gets numbers drawn at random, extremes among them.
 #include <cstddef>
 #include <cstdint>
 #include <cstring>

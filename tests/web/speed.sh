@@ -26,8 +26,8 @@ for vectors in "" _simd; do
     read -r web_track web_map _ web_hash around <<<"$(node --no-liftoff tests/web/track_time.mjs \
       "build/wasm/web/pocket_ptam$vectors.wasm" "$recording")"
     [[ "$hash" == "$web_hash" && "$hash" == "$plain_hash" ]] || { echo "FAILED: another map" && exit 1; }
-    awk -v a="$track" -v b="$map" -v c="$plain_track" -v d="$plain_map" -v w="$web_track" -v m="$web_map" -v e="$around" \
-      'BEGIN { printf "%.2f %.2f  %.2f %.2f  %.0f %.0f %.0f %.0f\n", w / a, m / b, w / c, m / d, a, c, w, e }'
+    awk -v a="$track" -v b="$map" -v c="$plain_track" -v d="$plain_map" -v w="$web_track" -v m="$web_map" \
+      -v e="$around" 'BEGIN { printf "%.2f %.2f  %.2f %.2f  %.0f %.0f %.0f %.0f\n", w / a, m / b, w / c, m / d, a, c, w, e }'
   done | sort -n | awk '{ lines[NR] = $0 } END {
     print "  least   " lines[1]; print "  median  " lines[int((NR + 1) / 2)]; print "  most    " lines[NR] }'
 done
