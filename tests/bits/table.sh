@@ -35,7 +35,7 @@ done
 
 source toolchains/debian_packages.sh
 install_packages "${program_packages[@]}" "${target_packages[@]}" "${microcontroller_packages[@]}" "${web_packages[@]}" \
-  clang
+  clang libgtest-dev
 bits=$PWD/build/bits recordings=$PWD/build/bits/recordings
 mkdir -p "$recordings"
 
@@ -48,12 +48,8 @@ configure() {  # SOURCE NAME CMAKE_ARGS...
 build() {  # NAME CMAKE_ARGS...: track_recording
   configure . "$@" && cmake --build "$bits/$1" --target track_recording
 }
-build_board() {  # NAME: the microcontroller's program
-  configure . "$1" -D CMAKE_TOOLCHAIN_FILE="$PWD/toolchains/cortex-m7-none-eabi.cmake" -D PPTAM_BUILD_TESTS=ON &&
-    cmake --build "$bits/$1" --target bare_metal
-}
-build_web() {  # NAME PROGRAM: of the preset
-  cmake --preset wasm --log-level=WARNING && cmake --build --preset wasm --target "$2"
+build_preset() {  # NAME PRESET TARGET: where tests/run.sh builds it, too
+  cmake --preset "$2" --log-level=WARNING && cmake --build --preset "$2" --target "$3"
 }
 build_trixie() {  # NAME: inside of Debian 13
   local root=$systems/trixie
@@ -89,10 +85,13 @@ build_broken() {
 run() {  # NAME RECORDING EMULATOR...
   "${@:3}" "$bits/$1/tests/bits/track_recording" "$2"
 }
+run_preset() {  # NAME RECORDING PRESET EMULATOR...
+  "${@:4}" "build/$3/tests/bits/track_recording" "$2"
+}
 run_board() {  # NAME RECORDING
   qemu-system-arm -M mps2-an500 -nographic \
     -semihosting-config "enable=on,target=native,arg=bare_metal,arg=${2//,/,,}" \
-    -kernel "$bits/$1/tests/bare_metal/bare_metal.elf"
+    -kernel build/cortex-m7/tests/bare_metal/bare_metal.elf
 }
 
 run_web() {  # NAME RECORDING PROGRAM
@@ -117,13 +116,13 @@ row "gcc-O3|x86-64|gcc 12, -O3 -msse4.2|$all|build -D CMAKE_CXX_FLAGS_RELEASE='-
 row "clang|x86-64|clang 14|$all|build -D CMAKE_CXX_COMPILER=clang++-14|run"
 row "clang19|x86-64|clang 19|$all|build -D CMAKE_CXX_COMPILER=clang++-19|run"
 row "gcc14|x86-64|gcc 14 (Debian 13)|$all|build_trixie|run"
-row "armv6|ARMv6|gcc 12|$all|build $(cross armv6-linux-gnueabi)|run qemu-arm -cpu arm1176"
+row "armv6|ARMv6|gcc 12|$all|build_preset armv6 track_recording|run_preset armv6 qemu-arm -cpu arm1176"
 row "armv6-plain|ARMv6|gcc 12, no SIMD|desk tiny model|build $(cross armv6-linux-gnueabi) -D CMAKE_CXX_FLAGS=-DPPTAM_PLAIN|run qemu-arm -cpu arm1176"
-row "armv7|ARMv7 NEON|gcc 12|$all|build $(cross armv7-linux-gnueabihf)|run qemu-arm -cpu cortex-a7"
-row "aarch64|AArch64|gcc 12|$all|build $(cross aarch64-linux-gnu)|run qemu-aarch64 -cpu cortex-a53"
-row "wasm|WebAssembly|clang 19|$all|build_web run_in_memory|run_web run_in_memory"
-row "wasm-simd|WebAssembly|clang 19, SIMD|$all|build_web run_in_memory_simd|run_web run_in_memory_simd"
-row "cortex-m7|Cortex-M7|gcc 12, bare metal|desk tiny model|build_board|run_board"
+row "armv7|ARMv7 NEON|gcc 12|$all|build_preset armv7 track_recording|run_preset armv7 qemu-arm -cpu cortex-a7"
+row "aarch64|AArch64|gcc 12|$all|build_preset aarch64 track_recording|run_preset aarch64 qemu-aarch64 -cpu cortex-a53"
+row "wasm|WebAssembly|clang 19|$all|build_preset wasm run_in_memory|run_web run_in_memory"
+row "wasm-simd|WebAssembly|clang 19, SIMD|$all|build_preset wasm run_in_memory_simd|run_web run_in_memory_simd"
+row "cortex-m7|Cortex-M7|gcc 12, bare metal|desk tiny model|build_preset cortex-m7 bare_metal|run_board"
 # One rounding is another: names the stage that is expected to differ first.
 row "control-pyramid|x86-64|control: pyramid|tiny|build_broken core/image/kernels_sse2.h 'two = _mm_set1_epi16(2)' 'two = _mm_set1_epi16(1)'|run"
 row "control-search|AArch64|control: search|tiny|build_broken core/image/kernels_neon.h '= vrshrn_n_u32(vmlal' '= vshrn_n_u32(vmlal' $(cross aarch64-linux-gnu)|run qemu-aarch64 -cpu cortex-a53"
