@@ -22,7 +22,7 @@ class MotionModel {
   const SE3& expected_motion() const { return expected_; }
   // Translation of expected_motion() in mean scene depths, for FullFrameRotation::estimate().
   Vector3f expected_shift() const { return with_map_ ? Vector3f(expected_.t / mean_depth_) : Vector3f::Zero(); }
-  // Corrects the prediction by the full-frame rotation. rotation: null when there is no previous frame.
+  // Corrects the prediction by the full-frame rotation where that is well known. rotation: null: no frame before.
   void turn(const RotationEstimate* rotation);
 
   // Whether the full-frame rotation differs so much from the expected one that it may be that of a thing which moves

@@ -34,6 +34,7 @@ PoseUpdate measured(const SE3& T_cw, const Vector6f& velocity = Vector6f::Zero()
 RotationEstimate seen_rotation(const SE3& T_cp) {
   RotationEstimate rotation;
   rotation.R_cp = T_cp.R;
+  rotation.covariance *= 1e-6f;  // 0.001 rad
   rotation.ok = true;
   return rotation;
 }
@@ -175,6 +176,22 @@ TEST(MotionModel, WithoutASeenRotationItsOwnVelocityTurns) {
   flight.motion.stop();
   flight.motion.begin_frame(kFrame_s, true);
   EXPECT_EQ(flight.motion.expected_motion().t, Vector3f(0, 0, 0));
+}
+
+TEST(MotionModel, ARotationThatIsHardlyKnownDoesNotTurn) {
+  test::Random random;
+  Flight flight(SE3(), random_twist(random, 0.3, 0.5), kFrame_s);
+  flight.fly(10);
+  for (const float sigma : {0.004f, 0.006f}) {  // about each axis: 0.0057 and 0.0085 about both
+    for (const bool with_map : {true, false}) {
+      RotationEstimate rotation = seen_rotation(SE3::exp(random_twist(random, 0, 0.1)));
+      rotation.covariance = Matrix3f::Identity() * (sigma * sigma);
+      flight.motion.begin_frame(kFrame_s, with_map);
+      flight.motion.turn(&rotation);
+      EXPECT_TRUE(flight.motion.rotation_seen());
+      EXPECT_EQ(flight.motion.R_cp(), sigma < 0.005f ? rotation.R_cp : flight.motion.expected_motion().R);
+    }
+  }
 }
 
 // A rotation that differs from the expected one by more than the search reaches is a surprise. Without it the
