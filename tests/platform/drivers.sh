@@ -277,8 +277,8 @@ mkdir fast
 awk '/^#/ {print; next} {printf "%.9f ../clip/%s\n", $1 / 4, $2}' clip/rgb.txt >fast/rgb.txt
 replay fast fast
 GUEST
-  "$here/boot.sh" --offline --machine raspi0 --timeout 300 --file "$board/folder" --file "$out/clip" --script "$out/guest.sh" \
-    --out "$out/$1" || { cat "$out/$1"/*.txt; exit 1; }
+  "$here/boot.sh" --offline --machine raspi0 --timeout 300 --file "$board/folder" --file "$out/clip" \
+    --script "$out/guest.sh" --out "$out/$1" || { cat "$out/$1"/*.txt; exit 1; }
 }
 
 # log_of RUN: what is the same in each boot: path, map, and all that is told of frames but times, which differ by some
