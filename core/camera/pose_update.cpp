@@ -70,9 +70,9 @@ void PoseUpdater::Sums::add(const PoseRow& row, float weight) {
     add_to(A_dt + k, p_dt);
     add_to(A_dt2 + k, _mm_mul_ps(dt, p_dt));
   };
-#define PPTAM_ADD_FOUR(k, x_from, x_to, x_order, J_from, J_to, J_order)                                 \
-  add_four(k, _mm_shuffle_ps(x_from[0], x_to[0], x_order), _mm_shuffle_ps(x_from[1], x_to[1], x_order), \
-           _mm_shuffle_ps(J_from[0], J_to[0], J_order), _mm_shuffle_ps(J_from[1], J_to[1], J_order))
+#define PPTAM_ADD_FOUR(k, x_from, x_to, x_order, J_from, J_to, J_order)                                         \
+  add_four(k, _mm_shuffle_ps((x_from)[0], (x_to)[0], x_order), _mm_shuffle_ps((x_from)[1], (x_to)[1], x_order), \
+           _mm_shuffle_ps((J_from)[0], (J_to)[0], J_order), _mm_shuffle_ps((J_from)[1], (J_to)[1], J_order))
   PPTAM_ADD_FOUR(0, x0123, x0123, _MM_SHUFFLE(0, 0, 0, 0), J0123, J0123, _MM_SHUFFLE(3, 2, 1, 0));   // 00 01 02 03
   PPTAM_ADD_FOUR(4, x0123, x0123, _MM_SHUFFLE(1, 1, 0, 0), J2345, J0123, _MM_SHUFFLE(2, 1, 3, 2));   // 04 05 11 12
   PPTAM_ADD_FOUR(8, x0123, x0123, _MM_SHUFFLE(2, 1, 1, 1), J2345, J2345, _MM_SHUFFLE(0, 3, 2, 1));   // 13 14 15 22
