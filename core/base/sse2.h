@@ -56,6 +56,9 @@ inline __m128i _mm_set1_epi16(int16_t value) {
 inline __m128i _mm_set1_epi32(int32_t value) {
   return wasm_i32x4_splat(value);
 }
+inline __m128 _mm_set1_ps(float value) {
+  return wasm_f32x4_splat(value);
+}
 inline __m128i _mm_set_epi32(int32_t d, int32_t c, int32_t b, int32_t a) {
   return wasm_i32x4_make(a, b, c, d);
 }
@@ -79,6 +82,9 @@ inline __m128i _mm_or_si128(__m128i a, __m128i b) {
 }
 inline __m128i _mm_xor_si128(__m128i a, __m128i b) {
   return wasm_v128_xor(a, b);
+}
+inline __m128i _mm_slli_epi16(__m128i v, uint32_t bits) {
+  return wasm_i16x8_shl(v, bits);
 }
 inline __m128i _mm_slli_epi32(__m128i v, uint32_t bits) {
   return wasm_i32x4_shl(v, bits);
@@ -130,12 +136,18 @@ inline __m128i _mm_min_epu8(__m128i a, __m128i b) {
 inline __m128i _mm_cmpeq_epi8(__m128i a, __m128i b) {
   return wasm_i8x16_eq(a, b);
 }
+inline __m128i _mm_cmpgt_epi32(__m128i a, __m128i b) {
+  return wasm_i32x4_gt(a, b);
+}
 inline int32_t _mm_movemask_epi8(__m128i v) {
   return static_cast<int32_t>(wasm_i8x16_bitmask(v));
 }
 inline __m128i _mm_sad_epu8(__m128i v, __m128i /*zero*/) {
   const __m128i fours = wasm_u32x4_extadd_pairwise_u16x8(wasm_u16x8_extadd_pairwise_u8x16(v));
   return wasm_v128_and(wasm_i32x4_add(fours, wasm_u64x2_shr(fours, 32)), wasm_i64x2_const_splat(0xffffffff));
+}
+inline __m128 _mm_add_ps(__m128 a, __m128 b) {
+  return wasm_f32x4_add(a, b);
 }
 inline __m128 _mm_sub_ps(__m128 a, __m128 b) {
   return wasm_f32x4_sub(a, b);
@@ -162,6 +174,12 @@ inline __m128i _mm_unpacklo_epi16(__m128i a, __m128i b) {
 }
 inline __m128i _mm_unpackhi_epi16(__m128i a, __m128i b) {
   return wasm_i16x8_shuffle(a, b, 4, 12, 5, 13, 6, 14, 7, 15);
+}
+inline __m128i _mm_unpacklo_epi32(__m128i a, __m128i b) {
+  return wasm_i32x4_shuffle(a, b, 0, 4, 1, 5);
+}
+inline __m128i _mm_unpackhi_epi32(__m128i a, __m128i b) {
+  return wasm_i32x4_shuffle(a, b, 2, 6, 3, 7);
 }
 inline __m128i _mm_unpacklo_epi64(__m128i a, __m128i b) {
   return wasm_i64x2_shuffle(a, b, 0, 2);

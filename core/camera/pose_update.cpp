@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/sse2.h"
 #include "geometry/robust.h"
 
 namespace pptam {
@@ -54,6 +55,44 @@ void PoseRow::set_point(const Camera& camera, const SE3& T_cw, const Vector6f& v
   depth = p.z();
 }
 
+#if defined(PPTAM_SSE2)
+// Four elements of the upper triangle at a time, across its rows. The bits are those of the plain form below.
+void PoseUpdater::Sums::add(const PoseRow& row, float weight) {
+  const __m128 w = _mm_set1_ps(weight), dt = _mm_set1_ps(row.dt_s);
+  const __m128 J0123[2] = {_mm_loadu_ps(row.J[0]), _mm_loadu_ps(row.J[1])};
+  const __m128 J2345[2] = {_mm_loadu_ps(row.J[0] + 2), _mm_loadu_ps(row.J[1] + 2)};
+  const __m128 x0123[2] = {_mm_mul_ps(w, J0123[0]), _mm_mul_ps(w, J0123[1])};
+  const __m128 x2345[2] = {_mm_mul_ps(w, J2345[0]), _mm_mul_ps(w, J2345[1])};
+  const auto add_to = [](float* sum, __m128 v) { _mm_storeu_ps(sum, _mm_add_ps(_mm_loadu_ps(sum), v)); };
+  const auto add_four = [&](int k, __m128 x, __m128 y, __m128 J_x, __m128 J_y) {
+    const __m128 p = _mm_add_ps(_mm_mul_ps(x, J_x), _mm_mul_ps(y, J_y)), p_dt = _mm_mul_ps(dt, p);
+    add_to(A + k, p);
+    add_to(A_dt + k, p_dt);
+    add_to(A_dt2 + k, _mm_mul_ps(dt, p_dt));
+  };
+#define PPTAM_ADD_FOUR(k, x_from, x_to, x_order, J_from, J_to, J_order)                                         \
+  add_four(k, _mm_shuffle_ps((x_from)[0], (x_to)[0], x_order), _mm_shuffle_ps((x_from)[1], (x_to)[1], x_order), \
+           _mm_shuffle_ps((J_from)[0], (J_to)[0], J_order), _mm_shuffle_ps((J_from)[1], (J_to)[1], J_order))
+  PPTAM_ADD_FOUR(0, x0123, x0123, _MM_SHUFFLE(0, 0, 0, 0), J0123, J0123, _MM_SHUFFLE(3, 2, 1, 0));   // 00 01 02 03
+  PPTAM_ADD_FOUR(4, x0123, x0123, _MM_SHUFFLE(1, 1, 0, 0), J2345, J0123, _MM_SHUFFLE(2, 1, 3, 2));   // 04 05 11 12
+  PPTAM_ADD_FOUR(8, x0123, x0123, _MM_SHUFFLE(2, 1, 1, 1), J2345, J2345, _MM_SHUFFLE(0, 3, 2, 1));   // 13 14 15 22
+  PPTAM_ADD_FOUR(12, x0123, x0123, _MM_SHUFFLE(3, 2, 2, 2), J2345, J2345, _MM_SHUFFLE(1, 3, 2, 1));  // 23 24 25 33
+  PPTAM_ADD_FOUR(16, x0123, x2345, _MM_SHUFFLE(2, 2, 3, 3), J2345, J2345, _MM_SHUFFLE(3, 2, 3, 2));  // 34 35 44 45
+#undef PPTAM_ADD_FOUR
+  const float p = weight * row.J[0][5] * row.J[0][5] + weight * row.J[1][5] * row.J[1][5], p_dt = row.dt_s * p;
+  A[20] += p;
+  A_dt[20] += p_dt;
+  A_dt2[20] += row.dt_s * p_dt;
+  const __m128 q = _mm_add_ps(_mm_mul_ps(x0123[0], _mm_set1_ps(row.e[0])), _mm_mul_ps(x0123[1], _mm_set1_ps(row.e[1])));
+  add_to(b, q);
+  add_to(b_dt, _mm_mul_ps(dt, q));
+  for (int i = 4; i < 6; ++i) {
+    const float q_i = weight * row.J[0][i] * row.e[0] + weight * row.J[1][i] * row.e[1];
+    b[i] += q_i;
+    b_dt[i] += row.dt_s * q_i;
+  }
+}
+#else
 void PoseUpdater::Sums::add(const PoseRow& row, float weight) {
   const float dt = row.dt_s;
   float* a = A;
@@ -73,6 +112,7 @@ void PoseUpdater::Sums::add(const PoseRow& row, float weight) {
     b_dt[i] += dt * q;
   }
 }
+#endif
 
 PoseUpdater::PoseUpdater(Arena& arena, int max_rows, bool rolling_shutter, WorkMeter& meter)
     : meter_(meter), rolling_shutter_(rolling_shutter), rows_(arena, max_rows), squared_(arena, max_rows) {}

@@ -282,6 +282,21 @@ inline int32_t zmssd_x64(const uint8_t* image, int stride, const PackedTemplate&
   return 64 * squares - sum * sum;
 }
 
+// zmssd_x64() at image and the three positions to the right of it. False, with out left as it is, when none is below
+// limit, which some rows may show already. Only where kFourAtOnce: elsewhere one after the other takes less.
+constexpr bool kFourAtOnce = false;
+inline bool zmssd_x64_of_four(const uint8_t* image, int stride, const PackedTemplate& patch, int32_t limit,
+                              int32_t out[4]) {
+  int32_t all[4];
+  bool below = false;
+  for (int i = 0; i < 4; ++i) {
+    all[i] = zmssd_x64(image + i, stride, patch, limit);
+    below = below || all[i] < limit;
+  }
+  if (below) std::copy_n(all, 4, out);
+  return below;
+}
+
 // Prepares a template for refine_sums(). framed: 10x10 pixels, row-major.
 inline void prepare_refinement(const uint8_t* framed, RefineTemplate* prepared) {
   for (int r = 0; r < kPatchFramed; ++r)
@@ -376,9 +391,11 @@ using neon::warp;
 using plain::bgra_row;
 using plain::fast_row;
 using plain::half_row;
+using plain::kFourAtOnce;
 using plain::pack_template;
 using plain::prepare_refinement;
 using plain::zmssd_x64;
+using plain::zmssd_x64_of_four;
 #if defined(__ARM_FEATURE_SIMD32)
 using armv6::window_sums;
 #else

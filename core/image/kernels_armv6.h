@@ -55,6 +55,8 @@ inline int32_t add_upper_product(uint32_t a, uint32_t b, int32_t sum) {  // sum 
   return __smlatt(static_cast<int32_t>(a), static_cast<int32_t>(b), sum);
 }
 using plain::fast_row;
+using plain::kFourAtOnce;
+using plain::zmssd_x64_of_four;
 
 constexpr uint32_t kOnes = 0x00010001u;  // the pair (1, 1)
 

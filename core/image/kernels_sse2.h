@@ -11,8 +11,6 @@
 namespace pptam::sse2 {
 
 using plain::bgra_row;
-using plain::pack_template;
-using plain::prepare_refinement;
 
 inline __m128i load_eight(const uint8_t* px) {  // as 16-bit numbers
   return _mm_unpacklo_epi8(_mm_loadl_epi64(reinterpret_cast<const __m128i*>(px)), _mm_setzero_si128());
@@ -177,6 +175,17 @@ inline WarpBlur warp(WarpGrid grid, uint8_t* framed) {
   return {_mm_cvtsi128_si32(sums), _mm_cvtsi128_si32(_mm_unpackhi_epi64(sums, sums))};
 }
 
+inline void pack_template(const uint8_t* framed, PackedTemplate* packed) {
+  int32_t rows[kPatchSize];
+  for (int r = 0; r < kPatchSize; ++r) {
+    const __m128i eight = _mm_loadl_epi64(reinterpret_cast<const __m128i*>(framed + (r + 1) * kPatchFramed + 1));
+    _mm_storeu_si128(reinterpret_cast<__m128i*>(packed->px + r * kPatchSize),
+                     _mm_unpacklo_epi8(eight, _mm_setzero_si128()));
+    rows[r] = _mm_cvtsi128_si32(_mm_sad_epu8(eight, _mm_setzero_si128()));
+  }
+  packed->add_up(rows);
+}
+
 inline int32_t zmssd_x64(const uint8_t* image, int stride, const PackedTemplate& patch, int32_t /*limit*/) {
   __m128i squares = _mm_setzero_si128(), image_sum = _mm_setzero_si128();
   const __m128i zero = _mm_setzero_si128();
@@ -191,6 +200,65 @@ inline int32_t zmssd_x64(const uint8_t* image, int stride, const PackedTemplate&
   }
   const int32_t sum = _mm_cvtsi128_si32(_mm_add_epi32(image_sum, _mm_unpackhi_epi64(image_sum, image_sum))) - patch.sum;
   return kPatchSize * kPatchSize * sum_of_four(squares) - sum * sum;
+}
+
+// The middle four rows of all four positions first, which most often reject them.
+constexpr bool kFourAtOnce = true;
+inline bool zmssd_x64_of_four(const uint8_t* image, int stride, const PackedTemplate& patch, int32_t limit,
+                              int32_t out[4]) {
+  const __m128i zero = _mm_setzero_si128();
+  __m128i squares[4] = {zero, zero, zero, zero}, sums[4] = {zero, zero, zero, zero};  // four partial sums; even lanes
+  const auto add_two_rows = [&](int r) {
+    const auto* T = reinterpret_cast<const __m128i*>(patch.px + r * kPatchSize);
+    const __m128i upper = _mm_loadu_si128(T), lower = _mm_loadu_si128(T + 1);
+    const uint8_t* px = image + r * stride;
+    for (int i = 0; i < 4; ++i, ++px) {
+      const __m128i I = _mm_unpacklo_epi64(_mm_loadl_epi64(reinterpret_cast<const __m128i*>(px)),
+                                           _mm_loadl_epi64(reinterpret_cast<const __m128i*>(px + stride)));
+      const __m128i a = _mm_sub_epi16(_mm_unpacklo_epi8(I, zero), upper);
+      const __m128i b = _mm_sub_epi16(_mm_unpackhi_epi8(I, zero), lower);
+      squares[i] = _mm_add_epi32(squares[i], _mm_add_epi32(_mm_madd_epi16(a, a), _mm_madd_epi16(b, b)));
+      sums[i] = _mm_add_epi32(sums[i], _mm_sad_epu8(I, zero));
+    }
+  };
+  // 64 squares - times sum^2 of the four positions. Sums are under 2^14.
+  const auto zero_mean = [&](int32_t template_sum, uint32_t times_bits) {
+    const auto halves = [](__m128i a, __m128i b) {
+      return _mm_add_epi32(_mm_unpacklo_epi64(a, b), _mm_unpackhi_epi64(a, b));
+    };
+    const auto quarters = [](__m128i a, __m128i b) {
+      return _mm_add_epi32(_mm_unpacklo_epi32(a, b), _mm_unpackhi_epi32(a, b));
+    };
+    const __m128i all = halves(quarters(squares[0], squares[1]), quarters(squares[2], squares[3]));
+    const __m128i image_sum = _mm_packs_epi32(halves(sums[0], sums[1]), halves(sums[2], sums[3]));  // in lower halves
+    const __m128i sum = _mm_sub_epi16(image_sum, _mm_set1_epi32(template_sum));
+    return _mm_sub_epi32(_mm_slli_epi32(all, 6), _mm_slli_epi32(_mm_madd_epi16(sum, sum), times_bits));
+  };
+  add_two_rows(2);
+  add_two_rows(4);
+  const __m128i after_4 = zero_mean(patch.sum_4_rows, 1);
+  if (_mm_movemask_epi8(_mm_cmpgt_epi32(_mm_set1_epi32(limit), after_4)) == 0) return false;
+  add_two_rows(0);
+  add_two_rows(6);
+  _mm_storeu_si128(reinterpret_cast<__m128i*>(out), zero_mean(patch.sum, 0));
+  return true;
+}
+
+inline void prepare_refinement(const uint8_t* framed, RefineTemplate* prepared) {
+  static_assert(kSampleUnit == 1 << 3);
+  const auto load = [](const int16_t* from) { return _mm_loadu_si128(reinterpret_cast<const __m128i*>(from)); };
+  const auto store = [](int16_t* to, __m128i v) { _mm_storeu_si128(reinterpret_cast<__m128i*>(to), v); };
+  for (int r = 0; r < kPatchFramed; ++r)
+    for (const int c : {0, kPatchFramed - 8})  // two columns are the first eight's, too
+      store(prepared->value + r * kPatchPitch + c, _mm_slli_epi16(load_eight(framed + r * kPatchFramed + c), 3));
+  for (int r = 0; r < kPatchSize; ++r) {
+    const int16_t* T = prepared->value + (r + 1) * kPatchPitch + 1;
+    const __m128i here = load(T), twice = _mm_add_epi16(here, here);
+    const __m128i xx = _mm_sub_epi16(_mm_add_epi16(load(T - 1), load(T + 1)), twice);
+    const __m128i yy = _mm_sub_epi16(_mm_add_epi16(load(T - kPatchPitch), load(T + kPatchPitch)), twice);
+    store(prepared->curvature + 2 * r * kPatchSize, _mm_unpacklo_epi16(xx, yy));
+    store(prepared->curvature + (2 * r + 1) * kPatchSize, _mm_unpackhi_epi16(xx, yy));
+  }
 }
 
 // A row of a framed patch in two vectors, of its columns 0 to 7 and 2 to 9.

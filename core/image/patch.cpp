@@ -148,15 +148,23 @@ bool search_patch(const GreyView& image, const PatchTemplate& patch, const Eigen
     while (from <= to && outside(static_cast<float>(to) - left, dy)) --to;
     hit->candidates += to - from + 1;
     const uint8_t* row = image.row(y);
-    for (int x = from; x <= to; ++x) {
-      const int32_t zmssd = kernel::zmssd_x64(row + x, image.stride, packed, best * kPixels);
-      if (zmssd >= best * kPixels) continue;
+    const auto take = [&](int x, int32_t zmssd) {
+      if (zmssd >= best * kPixels) return;
       best = zmssd / kPixels;
       found = true;
       hit->x = x;
       hit->y = y;
       hit->zmssd = best;
+    };
+    int x = from;
+    if constexpr (kernel::kFourAtOnce) {
+      for (; x + 3 <= to; x += 4) {
+        int32_t four[4];
+        if (!kernel::zmssd_x64_of_four(row + x, image.stride, packed, best * kPixels, four)) continue;
+        for (int i = 0; i < 4; ++i) take(x + i, four[i]);
+      }
     }
+    for (; x <= to; ++x) take(x, kernel::zmssd_x64(row + x, image.stride, packed, best * kPixels));
   }
   return found;
 }

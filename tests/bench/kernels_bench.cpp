@@ -131,7 +131,7 @@ void small_image(State& state, const BenchScene& scene) {
 
 void rotation(State& state, const BenchScene& scene) {
   std::optional<FullFrameRotation> full_frame_rotation;
-  const auto memory = with_arena([&](Arena& arena) { full_frame_rotation.emplace(arena, scene.camera); });
+  const auto memory = with_arena([&](Arena& arena) { full_frame_rotation.emplace(arena, Camera{scene.camera, {}}); });
   for (auto _ : state)
     DoNotOptimize(
         full_frame_rotation->estimate(scene.small[0], scene.small[1], Matrix3f::Identity(), Vector3f::Zero()));

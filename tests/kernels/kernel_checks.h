@@ -11,8 +11,8 @@
 
 namespace pptam::test {
 
-constexpr const char* kKernelNames[] = {"bgra_row", "half_row",  "window_sums<2>", "window_sums<3>",
-                                        "warp",     "zmssd_x64", "refine_sums",    "fast_row"};
+constexpr const char* kKernelNames[] = {"bgra_row",  "half_row",          "window_sums<2>", "window_sums<3>", "warp",
+                                        "zmssd_x64", "zmssd_x64_of_four", "refine_sums",    "fast_row"};
 constexpr int kCheckBytes = 700;  // fewer are filled up with zeros
 
 inline const char* variant_name() {
@@ -119,6 +119,22 @@ inline const char* first_different_kernel(std::span<const uint8_t> input, const 
     const int32_t plain = std::min(limit, plain::zmssd_x64(image.data(), stride, plain_template, limit));
     int32_t variant = std::min(limit, kernel::zmssd_x64(image.data(), stride, variant_template, limit));
     if (differ("zmssd_x64", &plain, &variant, sizeof plain)) return "zmssd_x64";
+  }
+  {
+    const int stride = number(kPatchSize + 3, kPatchSize + 12);
+    const int32_t limit = number(0, 255) * number(0, 255) * 4096 >> number(0, 12);
+    const std::vector<uint8_t> image = pixels((kPatchSize - 1) * stride + kPatchSize + 3);
+    PackedTemplate packed;
+    kernel::pack_template(framed.data(), &packed);
+    PackedTemplate plain_template;
+    plain::pack_template(framed.data(), &plain_template);
+    int32_t plain[4], variant[4] = {limit, limit, limit, limit};
+    for (int i = 0; i < 4; ++i)
+      plain[i] = std::min(limit, plain::zmssd_x64(image.data() + i, stride, plain_template, limit));
+    // Where it is not used there is none but the plain one.
+    kernel::zmssd_x64_of_four(image.data(), stride, kernel::kFourAtOnce ? packed : plain_template, limit, variant);
+    for (int32_t& zmssd : variant) zmssd = std::min(limit, zmssd);
+    if (differ("zmssd_x64_of_four", plain, variant, sizeof plain)) return "zmssd_x64_of_four";
   }
   {
     RefineSample sample;

@@ -4,8 +4,8 @@ set -euo pipefail
 
 usage() {
   cat <<'HELP'
-Usage: tests/platform/drivers.sh vivid|usb|libcamera|pi BUILD
-       tests/platform/drivers.sh --fetch vivid|usb|libcamera|pi
+Usage: tests/platform/drivers.sh vivid|usb|libcamera|pi|pi-replay BUILD
+       tests/platform/drivers.sh --fetch vivid|usb|libcamera|pi|pi-replay
 Boots Debian's kernel in an emulated computer with the programs in the folder BUILD, such as build/test:
   vivid      our V4L2 camera on the driver vivid: formats, sizes, times, and every fault that vivid can inject
   usb        a USB camera by uvcvideo: all its formats; then pocket-ptam live, to which it shows the emulated phone's
@@ -13,6 +13,8 @@ Boots Debian's kernel in an emulated computer with the programs in the folder BU
   libcamera  pocket-ptam live by libcamera of Debian 12 and 13, on their kernels: the USB camera; and pictures of the
              desk that 13's pipeline "virtual" shows
   pi         as usb on an emulated Raspberry Pi Zero, with the program in build/board-armel; BUILD is this computer's
+  pi-replay  20 s of the emulated phone's desk, as images, on the same: replayed at their own rate by that kernel's
+             clock, no frame may be dropped; twice, and the logs must be the same but for times
 --fetch: fetches Debian's kernel, and libcamera, for one of these.
 The exit code is 0 when all holds, 77 when a package or program could not be had; what the guest wrote stays in
 BUILD/drivers-NAME.
@@ -43,10 +45,10 @@ if [[ "$1" == --fetch ]]; then
         guest_libcamera "$suite" "" >/dev/null
       done
       ;;
-    pi) "$here/boot.sh" --machine raspi0 --fetch ;;
+    pi | pi-replay) "$here/boot.sh" --machine raspi0 --fetch ;;
     vivid | usb) "$here/boot.sh" --fetch ;;
     *)
-      echo "error: $2 is neither vivid, usb, libcamera nor pi; see --help" >&2
+      echo "error: $2 is neither vivid, usb, libcamera, pi nor pi-replay; see --help" >&2
       exit 2
       ;;
   esac
@@ -237,13 +239,89 @@ while [ -e /dev/video0 ]; do usleep 10000; done
 GUEST
 }
 
-test_pi() {
-  local board=$here/../../build/board-armel file
-  for file in "$board/pocket-ptam" "$board/tests/boards/usb_camera" "$build/pocket-ptam" "$programs/frame_numbers"; do
+board=$here/../../build/board-armel
+
+# need_built FILE...: programs, by both presets.
+need_built() {
+  local file
+  for file in "$@"; do
     [[ -x "$file" ]] || skip "$file has not been built: tests/run.sh --preset board-armel, and tests/run.sh -L platform"
   done
+}
+
+test_pi() {
+  need_built "$board/pocket-ptam" "$board/tests/boards/usb_camera" "$build/pocket-ptam" "$programs/frame_numbers"
   live_with_usb "$board/pocket-ptam" "$board/tests/boards/usb_camera" --machine raspi0 \
     --sysroot "$here/../../build/sysroots/armel" </dev/null
+}
+
+# column FILE NAME: of a frames.csv.
+column() {
+  awk -F, -v name="$2" 'NR == 1 {for (i = 1; i <= NF; ++i) if ($i == name) at = i; next} {print $at}' "$1"
+}
+
+# replay_on_pi RUN: one boot; what replay says and writes is in $out/RUN. The control in it are the same images at four
+# times their rate.
+replay_on_pi() {
+  mkdir "$out/$1"
+  cat >"$out/guest.sh" <<'GUEST'
+echo 0 >/proc/sys/kernel/randomize_va_space  # where memory lies would decide how long it takes to copy some
+replay() {
+  name=$1
+  shift
+  folder/pocket-ptam replay "$@" --calibration clip/calibration.yaml --clock steady --no-overlay --no-report \
+    --out /out/$name >/out/$name.txt 2>&1
+}
+replay desk clip || exit 1
+mkdir fast
+awk '/^#/ {print; next} {printf "%.9f ../clip/%s\n", $1 / 4, $2}' clip/rgb.txt >fast/rgb.txt
+replay fast fast
+GUEST
+  "$here/boot.sh" --offline --machine raspi0 --timeout 300 --file "$board/folder" --file "$out/clip" \
+    --script "$out/guest.sh" --out "$out/$1" || { cat "$out/$1"/*.txt; exit 1; }
+}
+
+# log_of RUN: what is the same in each boot: path, map, and all that is told of frames but times, which differ by some
+# microseconds.
+log_of() {
+  cat "$1"/desk/{trajectory.txt,keyframes.txt,map.ply}
+  awk -F, 'NR == 1 {for (i = 1; i <= NF; ++i) timed[i] = $i ~ /_us$/}
+    {for (i = 1; i <= NF; ++i) if (!timed[i]) printf "%s,", $i; print ""}' "$1/desk/frames.csv"
+  grep -v ' ms' "$1/desk.txt"
+}
+
+test_pi_replay() {
+  [[ -n "${PPTAM_ALL:-}" ]] || skip "tests/run.sh --all runs it, or PPTAM_ALL=1 tests/platform/drivers.sh"
+  need_built "$board/folder/pocket-ptam" "$build/pocket-ptam"
+  render --duration 20
+  # As raw pixels: to decode a PNG takes that processor longer than a frame's period.
+  local time png number=0
+  while read -r time png; do
+    mv "$out/clip/$png" "$out/clip/rgb/$((++number)).png"
+    echo "$time $number.pgm"
+  done < <(grep -v '^#' "$out/clip/rgb.txt") >"$out/clip/pgm.txt"
+  ffmpeg -nostdin -loglevel error -i "$out/clip/rgb/%d.png" "$out/clip/%d.pgm"
+  mv "$out/clip/pgm.txt" "$out/clip/rgb.txt"
+  rm -r "$out/clip/rgb"
+  local run first=$out/first
+  for run in first second; do replay_on_pi $run; done
+  cat "$first/desk.txt"
+  local images dropped control keyframes
+  images=$(grep -vc '^#' "$out/clip/rgb.txt")
+  dropped=$(sed -nE 's/^frames .* ([0-9]+) dropped.*/\1/p' "$first/desk.txt")
+  control=$(sed -nE 's/^frames .* ([0-9]+) dropped.*/\1/p' "$first/fast.txt")
+  keyframes=$(column "$first/desk/frames.csv" keyframes | tail -1)
+  echo "$images images, ${dropped:-unknown} dropped; at four times the rate ${control:-unknown}"
+  echo "a frame in ms: mean, 99 %, worst; mapping; idle: $(for name in track_us mapping_us idle_us; do
+    column "$first/desk/frames.csv" $name | sort -n | awk '{v[NR] = $1 / 1000; sum += v[NR]}
+      END {printf "%.1f, %.1f, %.1f; ", sum / NR, v[int(0.99 * NR + 0.999)], v[NR]}'
+  done)"
+  [[ "$dropped" == 0 ]] || fail "frames were dropped"
+  ((${control:-0} > 0)) || fail "control: at four times the rate none is dropped"
+  ((keyframes >= 5)) || fail "the map has ${keyframes:-no} keyframes: nothing was mapped beside"
+  grep -q '^tracked since then  *100.0 %' "$first/desk.txt" || fail "frames without a pose"
+  awk '/^trajectory error/ && $3 < 1 {right = 1} END {exit !right}' "$first/desk.txt" || fail "the path is wrong"
+  diff <(log_of "$first") <(log_of "$out/second") || fail "the second boot gives another log"
 }
 
 # libcamera's pipeline "virtual" reads JPEGs when it starts and shows each four times, as fast as they are asked for: a
@@ -356,8 +434,9 @@ case "$name" in
   usb) test_usb ;;
   libcamera) test_libcamera ;;
   pi) test_pi ;;
+  pi-replay) test_pi_replay ;;
   *)
-    echo "error: $name is neither vivid, usb, libcamera nor pi; see --help" >&2
+    echo "error: $name is neither vivid, usb, libcamera, pi nor pi-replay; see --help" >&2
     exit 2
     ;;
 esac
