@@ -20,7 +20,9 @@ static_assert(std::endian::native == std::endian::little, "lanes are read from m
 
 using plain::bgra_row;
 using plain::fast_row;
+using plain::kFourAtOnce;
 using plain::window_sums;
+using plain::zmssd_x64_of_four;
 
 constexpr uint64_t kLow8 = 0x00ff00ff00ff00ff, kLow16 = 0x0000ffff0000ffff;  // of each 16 bits, of each 32
 constexpr uint64_t kInEach16 = 0x0001000100010001;                           // times it: a number in each lane
