@@ -45,7 +45,7 @@ set(FOLDERS core/pocket_ptam core/c_interface core/base core/image core/geometry
 
 # The name that a file counts under in circles.
 function(unit_of file result)
-  string(REGEX REPLACE "(_armv6|_neon|_sse2)?\\.[a-z]+$" "" unit "${file}")
+  string(REGEX REPLACE "(_armv6|_neon|_sse2|_words)?\\.[a-z]+$" "" unit "${file}")
   set(${result} "${unit}" PARENT_SCOPE)
 endfunction()
 
