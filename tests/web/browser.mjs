@@ -109,7 +109,7 @@ export class Browser {
         [this.call('Browser.close').catch(() => {}), new Promise((resolve) => setTimeout(resolve, 3000))]);
     this.process.kill('SIGKILL');
     await this.ended;
-    rmSync(this.profile, {recursive: true, force: true, maxRetries: 5});
+    rmSync(this.profile, {recursive: true, force: true, maxRetries: 20});
   }
 }
 

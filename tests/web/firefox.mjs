@@ -116,7 +116,7 @@ class Marionette {
     this.socket?.destroy();
     this.process.kill('SIGKILL');
     await this.ended;
-    fs.rmSync(this.profile, {recursive: true, force: true, maxRetries: 5});
+    fs.rmSync(this.profile, {recursive: true, force: true, maxRetries: 20});
   }
 }
 
